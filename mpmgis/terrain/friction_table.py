@@ -186,60 +186,105 @@ def _listed(numbers: Iterable[float]) -> str:
     return ", ".join(f"{number:g}" for number in numbers)
 
 
-def friction_values(
-    rows: Sequence[FrictionRow], classes: np.ndarray, elevation: np.ndarray, path: str | Path
-) -> dict[str, np.ndarray | float]:
-    """Return each parameter at every cell, as one number where it is the same everywhere.
+class FrictionCells:
+    """Which row of a table applies to each cell of a terrain, block by block.
+
+    Gaps and overlaps of the table are collected: what is said about them does not depend on the blocks.
 
     Parameters
     ----------
     rows : sequence of FrictionRow
         Of one event.
-    classes : uint8[rows, columns]
-        Of CLASSES.
-    elevation : float64[rows, columns] [m]
-        NaN where there is none.
     path : str or Path
         Of the table, for messages.
-
-    Returns
-    -------
-    dict of str to (float64[rows, columns] or float)
-        NaN where there is no elevation.
-
-    Raises
-    ------
-    InputError
-        A cell for which the table has no row, or two.
     """
-    chosen = np.full(classes.shape, -1, np.int32)
-    for number, row in enumerate(rows):
-        fits = (elevation >= row.altitude[0]) & (elevation < row.altitude[1])
-        if row.terrain:
-            fits &= classes == CLASSES[row.terrain]
-        twice = fits & (chosen >= 0)
-        if twice.any():
-            other = rows[int(chosen[twice][0])].line
+
+    def __init__(self, rows: Sequence[FrictionRow], path: str | Path):
+        self.rows, self.path = list(rows), path
+        self._used: set[int] = set()
+        self._gaps: dict[int, tuple[float, float]] = {}  # lowest and highest cell by class
+        self._twice: dict[tuple[int, int, int], tuple[float, float]] = {}  # the same by two rows and class
+
+    def chosen(self, classes: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        """Return the place of the row that applies to each cell of a block.
+
+        Parameters
+        ----------
+        classes : uint8[rows, columns]
+            Of CLASSES.
+        elevation : float64[rows, columns] [m]
+            NaN where there is none.
+
+        Returns
+        -------
+        int32[rows, columns]
+            -1 where there is no elevation.
+        """
+        chosen = np.full(classes.shape, -1, np.int32)
+        for number, row in enumerate(self.rows):
+            fits = (elevation >= row.altitude[0]) & (elevation < row.altitude[1])
+            if row.terrain:
+                fits &= classes == CLASSES[row.terrain]
+            twice = fits & (chosen >= 0)
+            if twice.any():
+                for other in np.unique(chosen[twice]).tolist():
+                    _widen(self._twice, (number, other), twice & (chosen == other), classes, elevation)
+            chosen[fits] = number
+        gap = (chosen < 0) & np.isfinite(elevation)
+        if gap.any():
+            _widen(self._gaps, (), gap, classes, elevation)
+        self._used.update(np.unique(chosen[chosen >= 0]).tolist())
+        return chosen
+
+    def varying(self) -> list[str]:
+        """Return the parameters that are not the same in all rows."""
+        return [name for name in self.rows[0].values if len({row.values[name] for row in self.rows}) > 1]
+
+    def values(self, name: str, chosen: np.ndarray) -> np.ndarray:
+        """Return a parameter at each cell of a block.
+
+        Parameters
+        ----------
+        name : str
+        chosen : int32[rows, columns]
+            As `chosen` returns it.
+
+        Returns
+        -------
+        float64[rows, columns]
+            NaN where there is no elevation.
+        """
+        return np.array([*(row.values[name] for row in self.rows), np.nan])[chosen]
+
+    def found(self) -> dict[str, tuple[float, float]]:
+        """Return the smallest and largest value of each parameter on the cells of all blocks so far.
+
+        Raises
+        ------
+        InputError
+            A cell for which the table has no row, or two.
+        """
+        if self._twice:
+            number, other, _ = place = min(self._twice)
             raise InputError(
-                f"{path} lines {other} and {row.line} both apply to {_place(twice, classes, elevation)}; "
-                "make them exclusive"
+                f"{self.path} lines {self.rows[other].line} and {self.rows[number].line} both apply to "
+                f"{_place(place, self._twice)}; make them exclusive"
             )
-        chosen[fits] = number
-    gap = (chosen < 0) & np.isfinite(elevation)
-    if gap.any():
-        raise InputError(f"{path} has no row for {_place(gap, classes, elevation)}; add one")
-    found: dict[str, np.ndarray | float] = {}
-    for name in rows[0].values:
-        numbers = np.array([row.values[name] for row in rows])
-        used = numbers[np.unique(chosen[chosen >= 0])]
-        same = len(used) > 0 and bool(np.all(used == used[0]))
-        found[name] = float(used[0]) if same else np.where(chosen >= 0, numbers[chosen], np.nan)
-    return found
+        if self._gaps:
+            raise InputError(f"{self.path} has no row for {_place(min(self._gaps), self._gaps)}; add one")
+        used = {name: [self.rows[number].values[name] for number in self._used] for name in self.rows[0].values}
+        return {name: (min(values), max(values)) for name, values in used.items()}
 
 
-def _place(cells: np.ndarray, classes: np.ndarray, elevation: np.ndarray) -> str:
-    """Return the class and the elevations of the cells of the first class among some cells."""
-    number = int(classes[cells].min())
-    name = next(name for name, own in CLASSES.items() if own == number)
-    heights = elevation[cells & (classes == number)]
-    return f"{name} terrain at {heights.min():.0f} to {heights.max():.0f} m"
+def _widen(ranges: dict, key: tuple, cells: np.ndarray, classes: np.ndarray, elevation: np.ndarray) -> None:
+    """Extend the ranges of elevation, by key and class, by some cells."""
+    for number in np.unique(classes[cells]).tolist():
+        heights = elevation[cells & (classes == number)]
+        low, high = ranges.get((*key, number), (np.inf, -np.inf))
+        ranges[(*key, number)] = min(low, float(heights.min())), max(high, float(heights.max()))
+
+
+def _place(key: tuple, ranges: Mapping) -> str:
+    """Return the class at the end of a key and its elevations as text."""
+    name = next(name for name, own in CLASSES.items() if own == key[-1])
+    return f"{name} terrain at {ranges[key][0]:.0f} to {ranges[key][1]:.0f} m"
