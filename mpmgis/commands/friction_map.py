@@ -168,7 +168,8 @@ Classifies the terrain (open slope, channel, gully, flat ground) and gives each 
 its class, altitude, volume of the release and return period. Writes terrain_class.tif, a raster for each parameter that
 varies, and friction.toml: the lines [friction] and [[zones]] for a scene beside the folder. A row of the table is a
 rule; its columns are terrain (open, channel, gully, flat), altitude_from, altitude_to, volume_from, volume_to,
-return_period, and the parameters of the law. An empty cell is any value.
+return_period, and the parameters of the law; SamosAT takes size (small, medium, large) in place of mu. An empty cell is
+any value.
 """,
     counted="block",
     forms=(

@@ -6,7 +6,8 @@ Guidelines publish friction in this form. A row of the CSV has conditions and pa
     open,1500,,60000,,300,0.155,3000
     channel,1500,,60000,,300,0.21,2000
 
-An empty cell, or a column that is left out, is any value. Ranges contain their lower end and not their upper one.
+An empty cell, or a column that is left out, is any value. Ranges contain their lower end and not their upper one. A
+column `size` has the sizes of the law with sizes, in place of the parameter that they stand for.
 """
 
 import math
@@ -16,7 +17,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ..laws.friction import LAWS, Parameter, given_instead, parameters_to_give
+from ..laws.friction import (
+    BY_VOLUME,
+    LAWS,
+    SIZE,
+    SIZED_LAW,
+    SIZES,
+    Parameter,
+    given_instead,
+    parameters_to_give,
+    replaced_by,
+)
 from ..system.errors import FormatError, InputError
 from ..system.text_tables import is_number, read_cells, with_point
 from .terrain_classes import CLASSES
@@ -74,11 +85,12 @@ def read_friction_table(path: str | Path, law: str) -> list[FrictionRow]:
     """
     table = read_cells(path, EXPECTED)
     known = parameters_to_give(law)
+    instead = _alternatives(law)
     for name in table.names:
-        if name not in CONDITIONS and name not in known:
+        if name not in CONDITIONS and name not in known and name not in instead:
             raise FormatError(
                 f"{path}: column {name!r} is neither a condition ({', '.join(CONDITIONS)}) nor a parameter of {law} "
-                f"({', '.join(known)})"
+                f"({', '.join(dict.fromkeys((*known, *instead)))})"
             )
         if table.names.count(name) > 1:
             raise FormatError(f"{path}: the column {name} occurs twice; remove one")
@@ -96,14 +108,18 @@ def read_friction_table(path: str | Path, law: str) -> list[FrictionRow]:
     ]
 
 
+def _alternatives(law: str) -> dict[str, str]:
+    """Return the columns that may be in place of a parameter, with that parameter."""
+    names = [*given_instead(law), *([SIZE] if law == SIZED_LAW else [])]
+    return {name: replaced_by(name) for name in names}
+
+
 def _require_parameters(path: str | Path, law: str, names: Sequence[str]) -> None:
     """Refuse a table without a parameter that has no default."""
-    instead = given_instead(law)
-    replaced = {instead[name][0] for name in names if name in instead}
+    replaced = {own: name for name, own in _alternatives(law).items() if name in names}
     for name, parameter in LAWS[law][1].items():
         if name in names and name in replaced:
-            other = next(key for key, (own, _) in instead.items() if own == name)
-            raise FormatError(f"{path}: {other} is in place of {name}, and both are columns; remove one")
+            raise FormatError(f"{path}: {replaced[name]} is in place of {name}, and both are columns; remove one")
         if parameter.default is None and name not in (*names, *replaced):
             raise FormatError(f"{path}: {law} needs a column {name} [{parameter.unit}] ({parameter.meaning})")
 
@@ -125,9 +141,20 @@ def _row(path: str | Path, line: int, cells: Mapping[str, str], known: Mapping[s
                     f"{where}: {name} is {got}, expected {limits.smallest:g} to {limits.largest:g} [{limits.unit}]"
                 )
             values[name] = value
+        elif name == SIZE:
+            values[replaced_by(SIZE)] = _of_size(where, cells[name])
     return FrictionRow(
         line, terrain, ranges["altitude"], ranges["volume"], None if math.isnan(period) else period, values
     )
+
+
+def _of_size(where: str, cell: str) -> float:
+    """Return the value of the parameter that a size stands for."""
+    if cell.lower() not in SIZES:
+        rows = "; for a size by volume write a row for each (volume_from, volume_to)" if cell == BY_VOLUME else ""
+        got = f"{cell!r}" if cell else "empty"
+        raise FormatError(f"{where}: {SIZE} is {got}, expected {', '.join(SIZES)}{rows}")
+    return SIZES[cell.lower()]
 
 
 def _range(where: str, name: str, cells: Mapping[str, str]) -> tuple[float, float]:

@@ -166,6 +166,33 @@ def test_each_cell_has_the_friction_of_its_class_and_altitude(tmp_path):
     assert friction_values(frequent, classes, elevation, path) == {"mu": 0.3, "xi": 1500.0}
 
 
+SIZED = "volume_to,volume_from,size,tau0\n25000,,small,0\n60000,25000,Medium,0\n,60000,large,10\n"
+
+
+def test_sizes_of_samos_at_are_its_published_coefficients(tmp_path):
+    path = table(tmp_path, SIZED)
+    for volume, mu, tau0 in ((1e3, 0.22, 0.0), (25e3, 0.17, 0.0), (60e3, 0.155, 10.0)):
+        rows = rows_of_event(read_friction_table(path, "SamosAT"), volume, None, path)
+        assert [row.values for row in rows] == [{"mu": mu, "tau0": tau0}]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "law", "words"),
+    [
+        ("Medium", "auto", "SamosAT", "line 3: size is 'auto', expected small, medium, large; for a size by volume"),
+        ("Medium", "huge", "SamosAT", "line 3: size is 'huge', expected small, medium, large"),
+        ("Medium", "", "SamosAT", "line 3: size is empty, expected small, medium, large"),
+        ("tau0", "mu", "SamosAT", "size is in place of mu, and both are columns; remove one"),
+        ("size", "sizes", "SamosAT", r"column 'sizes' is neither .* \(mu, tau0, Rs0, kappa, R, B, size\)"),
+        ("", "", "VoellmyMinShear", "column 'size' is neither"),
+    ],
+)
+def test_wrong_sizes_are_refused_in_a_line(tmp_path, old, new, law, words):
+    with pytest.raises(FormatError, match=words) as error:
+        read_friction_table(table(tmp_path, SIZED.replace(old, new, 1)), law)
+    assert "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "law", "words"),
     [
