@@ -168,8 +168,10 @@ Classifies the terrain (open slope, channel, gully, flat ground) and gives each 
 its class, altitude, volume of the release and return period. Writes terrain_class.tif, a raster for each parameter that
 varies, and friction.toml: the lines [friction] and [[zones]] for a scene beside the folder. A row of the table is a
 rule; its columns are terrain (open, channel, gully, flat), altitude_from, altitude_to, volume_from, volume_to,
-return_period, and the parameters of the law. An empty cell is any value.
+return_period, and the parameters of the law; SamosAT takes size (small, medium, large) in place of mu. An empty cell is
+any value.
 """,
+    counted="block",
     forms=(
         Form(
             "Map friction by class of terrain",
@@ -192,16 +194,15 @@ def work(asked: Arguments, progress: Progress = unwatched) -> "FrictionFound":
     ----------
     asked : Arguments
     progress : callable
-        Not called: it takes seconds.
+        Called with (blocks of the DTM done, blocks in all).
 
     Returns
     -------
     FrictionFound
     """
-    from ..simulation.terrain_friction import terrain_friction
-    from ..terrain.dtm import read_terrain
+    from ..simulation.terrain_friction import friction_terrain, terrain_friction
 
-    terrain = read_terrain(asked["dem"], asked["crs"], asked["dem_band"], asked["fill_nodata"], asked["to_crs"])
+    terrain = friction_terrain(asked["dem"], asked["crs"], asked["dem_band"], asked["fill_nodata"], asked["to_crs"])
     limits = ClassLimits(
         flat_slope=asked["flat_slope"],
         channel_radius=asked["channel_radius"],
@@ -210,7 +211,8 @@ def work(asked: Arguments, progress: Progress = unwatched) -> "FrictionFound":
         gully_rise=asked["gully_rise"],
     )
     event = asked["volume"], asked["return_period"]
-    return terrain_friction(terrain, asked["table"], asked["law"], event, limits, asked["output"], asked["overwrite"])
+    folder = asked["output"], asked["overwrite"]
+    return terrain_friction(terrain, asked["table"], asked["law"], event, limits, *folder, progress=progress)
 
 
 def friction_map(

@@ -127,6 +127,19 @@ class ManyRunsFolder:
             raise OutputError(f"{self.path} contains the input {given}; give another -o")
 
     @contextmanager
+    def planned(self) -> Iterator[None]:
+        """Remove the files of this block if it fails before the first start, so that the folder can be used again."""
+        new = not self.path.exists()
+        try:
+            yield
+        except BaseException:
+            if self.runs.is_dir() and read_folder_record(self.kind, self.path) is None:
+                remove(self.runs)
+                if new and not any(self.path.iterdir()):
+                    self.path.rmdir()
+            raise
+
+    @contextmanager
     def held(self) -> Iterator[None]:
         """Create the folder and lock it for this block.
 

@@ -149,6 +149,12 @@ def _check_zones(scene: Scene, where: str) -> None:
         if not zone.parameters:
             raise SceneError(f"{here}: it has no parameter of {law}; expected {listed(wanted)}")
         for name, value in zone.parameters.items():
+            if law == friction.SIZED_LAW and name == friction.SIZE:
+                sizes = ", ".join(f"{mu:g} ({size})" for size, mu in friction.SIZES.items())
+                raise SceneError(
+                    f"{here}: {name} = {shown(value)} is only for [friction], expected {listed(wanted)}; give the mu "
+                    f"of a size: {sizes}, or the column size in the table of `mpmgis friction-map`"
+                )
             if name not in wanted:
                 raise SceneError(
                     f"{here}: {law} has no parameter {shown(name)}{meant(name, wanted)}; it takes {listed(wanted)}"

@@ -142,7 +142,7 @@ def scene_from_tables(
     by_place = {key for zone in tables.get("zones", ()) if zone.get("use") != "off" for key in zone}
     law = tables.get("friction", {}).get("law")
     instead = friction.given_instead(law) if isinstance(law, str) else {}
-    by_place |= {parameter for name, (parameter, _) in instead.items() if name in by_place}
+    by_place |= {friction.replaced_by(name) for name in (*instead, friction.SIZE) if name in by_place}
     contacts = friction_laws(solvers, NO_OWN_LAWS) if "points" in solvers else None
     made = {name: _made(name, values, where, own_laws, by_place, contacts) for name, values in tables.items()}
     scene = Scene(**made, stage=stages, solver=solver, folder=str(folder), own_laws=own_laws)

@@ -85,9 +85,10 @@ def region(
     folder = ManyRunsFolder(REGION, output, plan.digest, asked["overwrite"])
     folder.refuse_inputs(plan.input_files())
     runs = ManyRuns(plan.tasks, "area", asked["workers"], asked["dask"])
-    if runs.to_run:
-        plan.prepare_samples(runs.to_run)
-    runs.require_affordable(plan.cost, confirm)
+    with folder.planned():
+        if runs.to_run:
+            plan.prepare_samples(runs.to_run)
+        runs.require_affordable(plan.cost, confirm)
     planned = time.perf_counter() - began
     with folder.held():
         folder.write_record(state="running", areas=len(plan.tasks))

@@ -6,7 +6,8 @@ Guidelines publish friction in this form. A row of the CSV has conditions and pa
     open,1500,,60000,,300,0.155,3000
     channel,1500,,60000,,300,0.21,2000
 
-An empty cell, or a column that is left out, is any value. Ranges contain their lower end and not their upper one.
+An empty cell, or a column that is left out, is any value. Ranges contain their lower end and not their upper one. A
+column `size` has the sizes of the law with sizes, in place of the parameter that they stand for.
 """
 
 import math
@@ -16,7 +17,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ..laws.friction import LAWS, Parameter, given_instead, parameters_to_give
+from ..laws.friction import (
+    BY_VOLUME,
+    LAWS,
+    SIZE,
+    SIZED_LAW,
+    SIZES,
+    Parameter,
+    given_instead,
+    parameters_to_give,
+    replaced_by,
+)
 from ..system.errors import FormatError, InputError
 from ..system.text_tables import is_number, read_cells, with_point
 from .terrain_classes import CLASSES
@@ -74,11 +85,12 @@ def read_friction_table(path: str | Path, law: str) -> list[FrictionRow]:
     """
     table = read_cells(path, EXPECTED)
     known = parameters_to_give(law)
+    instead = _alternatives(law)
     for name in table.names:
-        if name not in CONDITIONS and name not in known:
+        if name not in CONDITIONS and name not in known and name not in instead:
             raise FormatError(
                 f"{path}: column {name!r} is neither a condition ({', '.join(CONDITIONS)}) nor a parameter of {law} "
-                f"({', '.join(known)})"
+                f"({', '.join(dict.fromkeys((*known, *instead)))})"
             )
         if table.names.count(name) > 1:
             raise FormatError(f"{path}: the column {name} occurs twice; remove one")
@@ -96,14 +108,18 @@ def read_friction_table(path: str | Path, law: str) -> list[FrictionRow]:
     ]
 
 
+def _alternatives(law: str) -> dict[str, str]:
+    """Return the columns that may be in place of a parameter, with that parameter."""
+    names = [*given_instead(law), *([SIZE] if law == SIZED_LAW else [])]
+    return {name: replaced_by(name) for name in names}
+
+
 def _require_parameters(path: str | Path, law: str, names: Sequence[str]) -> None:
     """Refuse a table without a parameter that has no default."""
-    instead = given_instead(law)
-    replaced = {instead[name][0] for name in names if name in instead}
+    replaced = {own: name for name, own in _alternatives(law).items() if name in names}
     for name, parameter in LAWS[law][1].items():
         if name in names and name in replaced:
-            other = next(key for key, (own, _) in instead.items() if own == name)
-            raise FormatError(f"{path}: {other} is in place of {name}, and both are columns; remove one")
+            raise FormatError(f"{path}: {replaced[name]} is in place of {name}, and both are columns; remove one")
         if parameter.default is None and name not in (*names, *replaced):
             raise FormatError(f"{path}: {law} needs a column {name} [{parameter.unit}] ({parameter.meaning})")
 
@@ -125,9 +141,20 @@ def _row(path: str | Path, line: int, cells: Mapping[str, str], known: Mapping[s
                     f"{where}: {name} is {got}, expected {limits.smallest:g} to {limits.largest:g} [{limits.unit}]"
                 )
             values[name] = value
+        elif name == SIZE:
+            values[replaced_by(SIZE)] = _of_size(where, cells[name])
     return FrictionRow(
         line, terrain, ranges["altitude"], ranges["volume"], None if math.isnan(period) else period, values
     )
+
+
+def _of_size(where: str, cell: str) -> float:
+    """Return the value of the parameter that a size stands for."""
+    if cell.lower() not in SIZES:
+        rows = "; for a size by volume write a row for each (volume_from, volume_to)" if cell == BY_VOLUME else ""
+        got = f"{cell!r}" if cell else "empty"
+        raise FormatError(f"{where}: {SIZE} is {got}, expected {', '.join(SIZES)}{rows}")
+    return SIZES[cell.lower()]
 
 
 def _range(where: str, name: str, cells: Mapping[str, str]) -> tuple[float, float]:
@@ -186,60 +213,105 @@ def _listed(numbers: Iterable[float]) -> str:
     return ", ".join(f"{number:g}" for number in numbers)
 
 
-def friction_values(
-    rows: Sequence[FrictionRow], classes: np.ndarray, elevation: np.ndarray, path: str | Path
-) -> dict[str, np.ndarray | float]:
-    """Return each parameter at every cell, as one number where it is the same everywhere.
+class FrictionCells:
+    """Which row of a table applies to each cell of a terrain, block by block.
+
+    Gaps and overlaps of the table are collected: what is said about them does not depend on the blocks.
 
     Parameters
     ----------
     rows : sequence of FrictionRow
         Of one event.
-    classes : uint8[rows, columns]
-        Of CLASSES.
-    elevation : float64[rows, columns] [m]
-        NaN where there is none.
     path : str or Path
         Of the table, for messages.
-
-    Returns
-    -------
-    dict of str to (float64[rows, columns] or float)
-        NaN where there is no elevation.
-
-    Raises
-    ------
-    InputError
-        A cell for which the table has no row, or two.
     """
-    chosen = np.full(classes.shape, -1, np.int32)
-    for number, row in enumerate(rows):
-        fits = (elevation >= row.altitude[0]) & (elevation < row.altitude[1])
-        if row.terrain:
-            fits &= classes == CLASSES[row.terrain]
-        twice = fits & (chosen >= 0)
-        if twice.any():
-            other = rows[int(chosen[twice][0])].line
+
+    def __init__(self, rows: Sequence[FrictionRow], path: str | Path):
+        self.rows, self.path = list(rows), path
+        self._used: set[int] = set()
+        self._gaps: dict[int, tuple[float, float]] = {}  # lowest and highest cell by class
+        self._twice: dict[tuple[int, int, int], tuple[float, float]] = {}  # the same by two rows and class
+
+    def chosen(self, classes: np.ndarray, elevation: np.ndarray) -> np.ndarray:
+        """Return the place of the row that applies to each cell of a block.
+
+        Parameters
+        ----------
+        classes : uint8[rows, columns]
+            Of CLASSES.
+        elevation : float64[rows, columns] [m]
+            NaN where there is none.
+
+        Returns
+        -------
+        int32[rows, columns]
+            -1 where there is no elevation.
+        """
+        chosen = np.full(classes.shape, -1, np.int32)
+        for number, row in enumerate(self.rows):
+            fits = (elevation >= row.altitude[0]) & (elevation < row.altitude[1])
+            if row.terrain:
+                fits &= classes == CLASSES[row.terrain]
+            twice = fits & (chosen >= 0)
+            if twice.any():
+                for other in np.unique(chosen[twice]).tolist():
+                    _widen(self._twice, (number, other), twice & (chosen == other), classes, elevation)
+            chosen[fits] = number
+        gap = (chosen < 0) & np.isfinite(elevation)
+        if gap.any():
+            _widen(self._gaps, (), gap, classes, elevation)
+        self._used.update(np.unique(chosen[chosen >= 0]).tolist())
+        return chosen
+
+    def varying(self) -> list[str]:
+        """Return the parameters that are not the same in all rows."""
+        return [name for name in self.rows[0].values if len({row.values[name] for row in self.rows}) > 1]
+
+    def values(self, name: str, chosen: np.ndarray) -> np.ndarray:
+        """Return a parameter at each cell of a block.
+
+        Parameters
+        ----------
+        name : str
+        chosen : int32[rows, columns]
+            As `chosen` returns it.
+
+        Returns
+        -------
+        float64[rows, columns]
+            NaN where there is no elevation.
+        """
+        return np.array([*(row.values[name] for row in self.rows), np.nan])[chosen]
+
+    def found(self) -> dict[str, tuple[float, float]]:
+        """Return the smallest and largest value of each parameter on the cells of all blocks so far.
+
+        Raises
+        ------
+        InputError
+            A cell for which the table has no row, or two.
+        """
+        if self._twice:
+            number, other, _ = place = min(self._twice)
             raise InputError(
-                f"{path} lines {other} and {row.line} both apply to {_place(twice, classes, elevation)}; "
-                "make them exclusive"
+                f"{self.path} lines {self.rows[other].line} and {self.rows[number].line} both apply to "
+                f"{_place(place, self._twice)}; make them exclusive"
             )
-        chosen[fits] = number
-    gap = (chosen < 0) & np.isfinite(elevation)
-    if gap.any():
-        raise InputError(f"{path} has no row for {_place(gap, classes, elevation)}; add one")
-    found: dict[str, np.ndarray | float] = {}
-    for name in rows[0].values:
-        numbers = np.array([row.values[name] for row in rows])
-        used = numbers[np.unique(chosen[chosen >= 0])]
-        same = len(used) > 0 and bool(np.all(used == used[0]))
-        found[name] = float(used[0]) if same else np.where(chosen >= 0, numbers[chosen], np.nan)
-    return found
+        if self._gaps:
+            raise InputError(f"{self.path} has no row for {_place(min(self._gaps), self._gaps)}; add one")
+        used = {name: [self.rows[number].values[name] for number in self._used] for name in self.rows[0].values}
+        return {name: (min(values), max(values)) for name, values in used.items()}
 
 
-def _place(cells: np.ndarray, classes: np.ndarray, elevation: np.ndarray) -> str:
-    """Return the class and the elevations of the cells of the first class among some cells."""
-    number = int(classes[cells].min())
-    name = next(name for name, own in CLASSES.items() if own == number)
-    heights = elevation[cells & (classes == number)]
-    return f"{name} terrain at {heights.min():.0f} to {heights.max():.0f} m"
+def _widen(ranges: dict, key: tuple, cells: np.ndarray, classes: np.ndarray, elevation: np.ndarray) -> None:
+    """Extend the ranges of elevation, by key and class, by some cells."""
+    for number in np.unique(classes[cells]).tolist():
+        heights = elevation[cells & (classes == number)]
+        low, high = ranges.get((*key, number), (np.inf, -np.inf))
+        ranges[(*key, number)] = min(low, float(heights.min())), max(high, float(heights.max()))
+
+
+def _place(key: tuple, ranges: Mapping) -> str:
+    """Return the class at the end of a key and its elevations as text."""
+    name = next(name for name, own in CLASSES.items() if own == key[-1])
+    return f"{name} terrain at {ranges[key][0]:.0f} to {ranges[key][1]:.0f} m"

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..system.errors import InputError
 from .class_limits import ClassLimits
+from .dtm_blocks import Block
 from .elevation import Terrain
 from .grid import Grid
 
@@ -18,76 +19,83 @@ OUTSIDE, OPEN_SLOPE, CHANNEL, GULLY, FLAT = range(5)  # values of a raster of cl
 CLASSES = {"open": OPEN_SLOPE, "channel": CHANNEL, "gully": GULLY, "flat": FLAT}  # by their names in tables
 PAIRS = 16  # pairs of opposite directions; the circle is symmetric under quarter turns and mirrors
 LEAST_RADIUS = 1.5  # [cells] of a circle that the cells can resolve
-BLOCK_CELLS = 2_000_000  # cells of the rows that are computed at once
+RIM = 2  # [cells] around a block on which its slopes depend: at the rim of the DTM they are one-sided, of three cells
 
 
-def terrain_classes(terrain: Terrain, limits: ClassLimits | None = None) -> np.ndarray:
-    """Return the class of every cell of a terrain: a gully before a channel before flat ground before open slope.
+def class_halo(grid: Grid, limits: ClassLimits) -> int:
+    """Return the cells around a block on which its classes depend.
 
     Parameters
     ----------
-    terrain : Terrain
-    limits : ClassLimits, optional
-
-    Returns
-    -------
-    uint8[rows, columns]
-        Of CLASSES; OUTSIDE without an elevation.
+    grid : Grid
+        Of the DTM.
+    limits : ClassLimits
 
     Raises
     ------
     InputError
         A radius that the cells cannot resolve.
     """
-    limits = ClassLimits() if limits is None else limits
-    rises = [mean_rise(terrain, radius) for radius in (limits.gully_radius, limits.channel_radius)]
-    slope = np.hypot(*np.moveaxis(terrain.gradient, -1, 0))
-    classes = np.full(terrain.grid.shape, OPEN_SLOPE, np.uint8)
-    classes[slope < np.tan(np.radians(limits.flat_slope))] = FLAT
-    classes[rises[1] >= limits.channel_rise] = CHANNEL
-    classes[rises[0] >= limits.gully_rise] = GULLY
-    classes[~terrain.valid] = OUTSIDE
-    return classes
+    for radius in (limits.gully_radius, limits.channel_radius):
+        if not radius >= LEAST_RADIUS * max(grid.sides):
+            raise InputError(
+                f"radius of {radius:g} m around cells of {max(grid.sides):g} m: expected at least "
+                f"{LEAST_RADIUS:g} cells; give a larger radius or a finer DTM"
+            )
+    largest = max(limits.gully_radius, limits.channel_radius)
+    return max(RIM, int(np.ceil(np.abs(_steps(grid, largest)).max())) + 1)
 
 
-def mean_rise(terrain: Terrain, radius: float) -> np.ndarray:
-    """Compute the mean rise [1] from each cell to the circle around it, over its radius.
-
-    Points of the circle count in opposite pairs, and only where both have an elevation, so that a plane has 0 at its
-    edges too.
+def block_classes(ground: np.ndarray, block: Block, grid: Grid, limits: ClassLimits) -> np.ndarray:
+    """Return the class of every cell of a block: a gully before a channel before flat ground before open slope.
 
     Parameters
     ----------
-    terrain : Terrain
-    radius : float [m]
+    ground : float64[rows + 2 halo, columns + 2 halo] [m]
+        Elevation of the block and of its `class_halo`, as of `block_heights`.
+    block : Block
+    grid : Grid
+        Of the DTM.
+    limits : ClassLimits
 
     Returns
     -------
-    float64[rows, columns]
-        0 where no pair is on the terrain; NaN without an elevation.
-
-    Raises
-    ------
-    InputError
-        The radius is smaller than LEAST_RADIUS cells.
+    uint8[rows, columns]
+        Of CLASSES; OUTSIDE without an elevation.
     """
-    if not radius >= LEAST_RADIUS * max(terrain.grid.sides):
-        raise InputError(
-            f"radius of {radius:g} m around cells of {max(terrain.grid.sides):g} m: expected at least "
-            f"{LEAST_RADIUS:g} cells; give a larger radius or a finer DTM"
-        )
-    steps = _steps(terrain.grid, radius)
-    margin = int(np.ceil(np.abs(steps).max())) + 1
-    rows, columns = terrain.grid.shape
-    found = np.empty((rows, columns))
-    block = max(1, BLOCK_CELLS // columns)
-    for first in range(0, rows, block):
-        last = min(first + block, rows)
-        ground = np.full((last - first + 2 * margin, columns + 2 * margin), np.nan)
-        low, high = max(first - margin, 0), min(last + margin, rows)
-        ground[low - first + margin : high - first + margin, margin:-margin] = terrain.elevation[low:high]
-        found[first:last] = _rise_of_block(ground, steps, margin, radius)
-    return found
+    halo = class_halo(grid, limits)
+    gully, channel = (_mean_rise(ground, halo, grid, radius) for radius in (limits.gully_radius, limits.channel_radius))
+    classes = np.full(block.shape, OPEN_SLOPE, np.uint8)
+    classes[_slope(ground, halo, block, grid) < np.tan(np.radians(limits.flat_slope))] = FLAT
+    classes[channel >= limits.channel_rise] = CHANNEL
+    classes[gully >= limits.gully_rise] = GULLY
+    classes[~np.isfinite(ground[halo:-halo, halo:-halo])] = OUTSIDE
+    return classes
+
+
+def _slope(ground: np.ndarray, halo: int, block: Block, grid: Grid) -> np.ndarray:
+    """Return the slope [1] of the cells of a block; beyond the rim of the DTM there are no cells, not cells of NaN."""
+    near, whole = block.around(RIM, grid.shape), Block((block.first[0] - halo, block.first[1] - halo), block.last)
+    there = ground[near.inside(whole)]
+    gradient = Terrain(grid.part(*near.first, near.shape), there).gradient
+    return np.hypot(*np.moveaxis(gradient[block.inside(near)], -1, 0))
+
+
+def _mean_rise(ground: np.ndarray, halo: int, grid: Grid, radius: float) -> np.ndarray:
+    """Compute the mean rise [1] from each cell inside the halo to the circle around it, over its radius.
+
+    Points of the circle count in opposite pairs, and only where both have an elevation, so that a plane has 0 at its
+    edges too. 0 where no pair is on the terrain; NaN without an elevation.
+    """
+    centre = ground[halo:-halo, halo:-halo]
+    total, count = np.zeros(centre.shape), np.zeros(centre.shape, np.int32)
+    for step in _steps(grid, radius):
+        pair = _shifted(ground, step, halo) + _shifted(ground, -step, halo)
+        known = np.isfinite(pair)
+        total += np.where(known, 0.5 * pair - centre, 0.0)
+        count += known
+    rise = total / (np.maximum(count, 1) * radius)
+    return np.where(np.isfinite(centre), rise, np.nan)
 
 
 def _steps(grid: Grid, radius: float) -> np.ndarray:
@@ -95,19 +103,6 @@ def _steps(grid: Grid, radius: float) -> np.ndarray:
     angles = (np.arange(PAIRS) + 0.5) * np.pi / PAIRS
     steps = np.linalg.inv(grid.matrix) @ (radius * np.array([np.cos(angles), np.sin(angles)]))
     return steps[::-1].T  # the matrix maps (column, row) to (east, north)
-
-
-def _rise_of_block(ground: np.ndarray, steps: np.ndarray, margin: int, radius: float) -> np.ndarray:
-    """Return the mean rise of the cells inside the margin."""
-    centre = ground[margin:-margin, margin:-margin]
-    total, count = np.zeros(centre.shape), np.zeros(centre.shape, np.int32)
-    for step in steps:
-        pair = _shifted(ground, step, margin) + _shifted(ground, -step, margin)
-        known = np.isfinite(pair)
-        total += np.where(known, 0.5 * pair - centre, 0.0)
-        count += known
-    rise = total / (np.maximum(count, 1) * radius)
-    return np.where(np.isfinite(centre), rise, np.nan)
 
 
 def _shifted(ground: np.ndarray, step: np.ndarray, margin: int) -> np.ndarray:

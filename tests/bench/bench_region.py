@@ -1,6 +1,7 @@
-"""Many release areas on one large DTM: times of windows, seeding, simulation and maps, and the memory.
+"""Many release areas on one large DTM: times of the plan, of windows, seeding, simulation and maps, and the memory.
 
-`python tests/bench/bench_region.py [AREAS] [SIDE]` (default 1000 areas on 20000 x 20000 cells of 5 m, 2 workers).
+`python tests/bench/bench_region.py [AREAS] [SIDE]` (default 1000 areas on 20000 x 20000 cells of 5 m, 2 workers);
+`python tests/bench/run.py region` plans 10 000 areas without running them, and runs four.
 The terrain is written to a temporary folder: parallel ridges with slopes of 30 degrees and bumps, tiled and compressed.
 """
 
@@ -17,9 +18,16 @@ import shapely
 from affine import Affine
 
 import mpmgis
+from mpmgis.commands.region import VERB
+from mpmgis.commands.verb_calls import complete
+from mpmgis.frames.many_runs_folder import REGION, ManyRunsFolder
+from mpmgis.studies.many_runs import ManyRuns
+from mpmgis.studies.region_plan import PlannedRegion
 
 AREAS, SIDE, CELL, WORKERS = 1000, 20_000, 5.0, 2
 SMALL = (4, 3000)  # areas and cells a side of the table
+MANY = (10_000, 8000)  # of the plan in the table
+PLANNED = 10.0  # [s] required of this plan
 WEST, NORTH, RIDGES, HEIGHT = 600_000.0, 5_300_000.0, 4000.0, 1000.0  # [m]; ridges are 4 km apart
 SCENE = """
 [terrain]
@@ -66,22 +74,50 @@ def write_areas(path, count, side):
     geopandas.GeoDataFrame(geometry=shapely.box(x, y, x + 60, y + 60), crs="EPSG:32632").to_file(path)
 
 
+def write_site(folder, areas, side):
+    """Terrain, release areas and scene of a region."""
+    write_dtm(folder / "dtm.tif", side)
+    write_areas(folder / "areas.gpkg", areas, side)
+    (folder / "scene.toml").write_text(SCENE, encoding="utf-8")
+
+
 def measured(areas, side):
     """(RegionFound, (peak memory of this process, of the largest worker) [MB], seconds to make the terrain)."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         began = time.perf_counter()
-        write_dtm(folder / "dtm.tif", side)
-        write_areas(folder / "areas.gpkg", areas, side)
-        (folder / "scene.toml").write_text(SCENE, encoding="utf-8")
+        write_site(folder, areas, side)
         made = time.perf_counter() - began
         found = mpmgis.region(folder / "scene.toml", folder / "areas.gpkg", folder / "out", workers=WORKERS)
     both = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     return found, [resource.getrusage(who).ru_maxrss / 1e3 for who in both], made
 
 
+def plan_seconds(areas, side):
+    """Seconds that a region takes from its call to the start of its runs, with compiled kernels; nothing is run."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_site(folder, areas, side)
+        for output in (folder / "first", folder / "second"):  # the first time kernels are compiled
+            given = {"scene": folder / "scene.toml", "releases": folder / "areas.gpkg", "output": output}
+            asked = complete(VERB, {**given, "workers": WORKERS})
+            began = time.perf_counter()
+            plan = PlannedRegion.of(asked, output)
+            ManyRunsFolder(REGION, output, plan.digest).refuse_inputs(plan.input_files())
+            runs = ManyRuns(plan.tasks, "area", WORKERS, None)
+            plan.prepare_samples(runs.to_run)
+            runs.require_affordable(plan.cost, lambda question: True)
+            seconds = time.perf_counter() - began
+        assert len(runs.to_run) == areas
+        return seconds
+
+
 def rows():
-    """Rows of the benchmark table: a small region."""
+    """Rows of the benchmark table: the plan of many areas, and a small region."""
+    areas, side = MANY
+    seconds = plan_seconds(areas, side)
+    case = f"region, plan of {areas} areas, {side} x {side} cells"
+    yield case, seconds, "s", f"required: {PLANNED:g} s", seconds / PLANNED
     areas, side = SMALL
     found, _, _ = measured(areas, side)
     simulated = found.member_seconds - found.window_seconds - found.prepare_seconds

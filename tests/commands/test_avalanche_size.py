@@ -89,7 +89,16 @@ def test_the_schema_has_the_sizes():
         (SIZED.replace('"auto"', '"huge"'), "size = 'huge'; expected small, medium, large, auto"),
         (SIZED.replace('"auto"', "3"), "size = 3, expected text"),
         (SCENE.replace("xi = 1000", 'xi = 1000\nsize = "auto"'), "Voellmy has no parameter 'size'"),
-        (SIZED + '[[zones]]\nsource = "a.gpkg"\nsize = "small"\n', "SamosAT has no parameter 'size'"),
+        (
+            SIZED + '[[zones]]\nsource = "a.gpkg"\nsize = "small"\n',
+            "[[zones]] number 1: size = 'small' is only for [friction], expected mu, tau0, Rs0, kappa, R, B; give the "
+            "mu of a size: 0.22 (small), 0.17 (medium), 0.155 (large), or the column size in the table of `mpmgis "
+            "friction-map`",
+        ),
+        (
+            SIZED.replace('size = "auto"\n', "") + '[[zones]]\nsource = "a.gpkg"\nsize = "small"\n',
+            "[[zones]] number 1: size = 'small' is only for [friction]",
+        ),
     ],
 )
 def test_a_wrong_size_has_one_line(site, text, said):

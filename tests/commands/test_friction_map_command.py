@@ -6,12 +6,14 @@ from typing import get_args
 import numpy as np
 import pytest
 import rasterio
+from affine import Affine
 from slope_site import SCENE, contents, record, run, write_site
 
 import mpmgis
 from mpmgis.commands.friction_map import EventOptions
 from mpmgis.commands.shell.main import main
 from mpmgis.laws.friction import LAWS
+from mpmgis.simulation import terrain_friction
 from mpmgis.system.option import options_of
 from mpmgis.terrain.terrain_classes import FLAT, OPEN_SLOPE
 
@@ -88,6 +90,62 @@ def test_python_writes_the_same(site):
     assert found.parameters == {"mu": (0.25, pytest.approx(0.3)), "xi": (1500.0, 1500.0)}
     assert sum(found.areas.values()) == pytest.approx(80 * 40 * 100.0)
     assert found.files[0].name == "friction.toml" and all(file.exists() for file in found.files)
+
+
+@pytest.fixture
+def rough(site):
+    """A rotated DTM of several tiles with holes, and a table with a parameter that is the same on all of its cells."""
+    shape = 270, 530
+    rng = np.random.default_rng(3)
+    heights = rng.normal(size=shape).cumsum(0).cumsum(1) * 0.1 + 1000.0
+    heights[rng.random(shape) < 0.001] = np.nan
+    heights[100:160, 200:320] = np.nan
+    place = Affine(4.0, 3.0, 6e5, 3.0, -4.0, 5.2e6)
+    with rasterio.open(
+        "rough.tif", "w", "GTiff", 530, 270, 1, "EPSG:32632", place, "float32", -1, tiled=True, blockxsize=128
+    ) as target:
+        target.write(np.where(np.isnan(heights), -1, heights).astype("float32"), 1)
+    (site / "rough.csv").write_text(
+        "terrain,altitude_from,altitude_to,mu,xi\nflat,,9000,0.2,900\nopen,,9000,0.25,900\nchannel,,9000,0.3,900\n"
+        "gully,,9000,0.4,900\n,9000,,1,100\n"
+    )
+    return site
+
+
+@pytest.mark.parametrize("side", [61, 256, 400])
+def test_blocks_of_any_size_write_the_same_bytes(rough, monkeypatch, capsys, side):
+    words = ["friction-map", "--dem", "rough.tif", "--table", "rough.csv", "-o"]
+    assert main([*words, "whole"]) == 0
+    assert sorted(path.name for path in (rough / "whole").iterdir() if path.name[0] != ".") == [
+        "friction.toml",
+        "mu.tif",
+        "terrain_class.qml",
+        "terrain_class.tif",
+    ]
+    monkeypatch.setattr(terrain_friction, "READ_WHOLE", 100)
+    monkeypatch.setattr(terrain_friction, "SIDE", side)
+    assert main([*words, "blocks"]) == 0
+    assert "270 x 530 cells and is read by block" in capsys.readouterr().err
+    for name in ("mu.tif", "terrain_class.tif", "terrain_class.qml"):
+        assert (rough / "whole" / name).read_bytes() == (rough / "blocks" / name).read_bytes(), name
+
+
+def test_holes_of_a_large_dtm_are_filled_whole(rough, monkeypatch, capsys):
+    monkeypatch.setattr(terrain_friction, "READ_WHOLE", 100)
+    words = ["friction-map", "--dem", "rough.tif", "--table", "rough.csv", "--fill-nodata", "interpolate"]
+    assert main([*words, "-o", "filled"]) == 0
+    assert "read at once to fill its holes; without --fill-nodata it is read by block" in capsys.readouterr().err
+    with rasterio.open("filled/terrain_class.tif") as source:
+        assert source.read(1)[101:159, 201:319].all()
+
+
+def test_a_dtm_read_by_block_without_any_elevation_is_refused(rough, monkeypatch, capsys):
+    with rasterio.open("rough.tif", "r+") as target:
+        target.write(np.full((270, 530), -1, "float32"), 1)
+    monkeypatch.setattr(terrain_friction, "READ_WHOLE", 100)
+    assert main(["friction-map", "--dem", "rough.tif", "--table", "rough.csv", "-o", "empty"]) == 2
+    assert "rough.tif: every cell is nodata" in capsys.readouterr().err
+    assert not (rough / "empty").exists()
 
 
 @pytest.mark.parametrize(

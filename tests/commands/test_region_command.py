@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,7 +23,7 @@ from mpmgis.commands.shell.main import main
 from mpmgis.frames.headline_numbers import error_words
 from mpmgis.studies import area_run
 from mpmgis.studies.region_areas import read_areas
-from mpmgis.system.errors import InputError
+from mpmgis.system.errors import InputError, SceneError
 from mpmgis.system.messages import collected
 from mpmgis.terrain.dtm import TerrainFile
 from mpmgis.terrain.release_window import ReleaseWindow, reach_window
@@ -333,6 +334,23 @@ def test_a_missing_raster_of_the_scene_is_one_line_before_the_runs(site, tmp_pat
     with pytest.raises(InputError, match=r"mu\.tif: no such file"):
         mpmgis.region(tmp_path / "scene.toml", site / "areas.gpkg", tmp_path / "a")
     assert not (tmp_path / "a").exists()
+
+
+def test_a_region_that_is_not_confirmed_leaves_no_folder(site, done, tmp_path, monkeypatch):
+    """And the files of an earlier region stay."""
+    monkeypatch.setattr("mpmgis.studies.many_runs.ASK_SECONDS", -1.0)
+    (tmp_path / "empty").mkdir()
+    for output in ("new", "new", "empty"):
+        with pytest.raises(SceneError, match="4 runs are predicted to take"):
+            region(site, tmp_path / output, confirm=lambda question: False)
+    assert list(tmp_path.rglob("*")) == [tmp_path / "empty"]
+    shutil.copytree(done.folder, tmp_path / "new")
+    for record in (tmp_path / "new" / "runs").glob("*.json"):
+        record.unlink()
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(SceneError, match="4 runs are predicted to take"):
+        region(site, tmp_path / "new", scenario="T", frequency="f", confirm=lambda question: False)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_areas_without_thickness_are_left_out_with_their_columns(site, tmp_path, caplog):

@@ -2,16 +2,33 @@
 
 import numpy as np
 import pytest
+from affine import Affine
 from scipy.optimize import brentq
 
 from mpmgis.system.errors import FormatError, InputError
 from mpmgis.terrain.class_limits import ClassLimits
+from mpmgis.terrain.dtm_blocks import block_heights, dtm_blocks
 from mpmgis.terrain.elevation import Terrain
-from mpmgis.terrain.friction_table import friction_values, read_friction_table, rows_of_event
+from mpmgis.terrain.friction_table import FrictionCells, read_friction_table, rows_of_event
 from mpmgis.terrain.grid import Grid
-from mpmgis.terrain.terrain_classes import CHANNEL, FLAT, GULLY, OPEN_SLOPE, OUTSIDE, mean_rise, terrain_classes
+from mpmgis.terrain.terrain_classes import CHANNEL, FLAT, GULLY, OPEN_SLOPE, OUTSIDE, block_classes, class_halo
 
 LIMITS = ClassLimits()
+
+
+def terrain_classes(terrain, limits=LIMITS, side=1000):
+    """Classes of a terrain, by blocks."""
+    classes, halo = np.full(terrain.grid.shape, 255, np.uint8), class_halo(terrain.grid, limits)
+    for block in dtm_blocks(terrain, side):
+        classes[block.cells] = block_classes(block_heights(terrain, block, halo), block, terrain.grid, limits)
+    return classes
+
+
+def friction_values(rows, classes, elevation, path):
+    """Parameters on cells; numbers where they are the same everywhere."""
+    cells = FrictionCells(rows, path)
+    chosen = cells.chosen(classes, elevation)
+    return {key: low if low == high else cells.values(key, chosen) for key, (low, high) in cells.found().items()}
 
 
 def ground(height, size=400.0, cell=5.0, moved=0.0):
@@ -87,17 +104,35 @@ def test_turned_and_mirrored_ground_has_turned_and_mirrored_classes():
         assert (classes(turn(z)) == turn(own)).mean() > 0.999  # rounding at a limit
 
 
-def test_ground_around_nodata_keeps_its_class_and_blocks_agree(monkeypatch):
+def test_ground_around_nodata_keeps_its_class():
     terrain, x, y = ground(lambda x, y: 0.4 * x)
     terrain.elevation[(np.abs(x) < 20) & (np.abs(y) < 20)] = np.nan
     classes = terrain_classes(terrain)
     assert set(np.unique(classes)) == {OUTSIDE, OPEN_SLOPE} and (classes == OUTSIDE).sum() == 64
-    rough, *_ = ground(lambda x, y: 10 * np.sin(x / 17) * np.cos(y / 23))
-    whole = mean_rise(rough, 33.0)
-    monkeypatch.setattr("mpmgis.terrain.terrain_classes.BLOCK_CELLS", 1000)
-    assert (mean_rise(rough, 33.0) == whole).all()
     with pytest.raises(InputError, match=r"at least 1\.5 cells"):
-        mean_rise(rough, 7.0)
+        class_halo(terrain.grid, ClassLimits(gully_radius=7.0))
+
+
+# a pixel of 5 m: north-up, south-up, mirrored, not square, rotated, sheared
+MATRICES = [(5, 0, 0, -5), (5, 0, 0, 5), (-5, 0, 0, -5), (5, 0, 0, -8), (4, 3, 3, -4), (0, 5, 5, 0), (5, 1.7, 0.6, -6)]
+
+
+@pytest.mark.parametrize("matrix", MATRICES)
+@pytest.mark.parametrize("shape", [(2, 2), (3, 40), (61, 47)])
+def test_blocks_of_any_size_give_the_same_classes(matrix, shape):
+    """Also at the rim and around holes."""
+    a, b, d, e = matrix
+    rng = np.random.default_rng(sum(shape))
+    heights = rng.normal(size=shape).cumsum(0).cumsum(1) * 0.3
+    heights[rng.random(shape) < 0.01] = np.nan
+    heights[20:30, 15:] = np.nan
+    terrain = Terrain(Grid(None, Affine(a, b, 4e5, d, e, 5e6), shape), heights)
+    for radius in (13.0, 33.3):
+        limits = ClassLimits(gully_radius=12.5, channel_radius=radius)
+        whole = terrain_classes(terrain, limits)
+        for side in (1, 7) if shape[0] < 50 else (16, 50):
+            assert (terrain_classes(terrain, limits, side) == whole).all()
+    assert len(np.unique(whole)) >= (3 if shape == (61, 47) else 1)
 
 
 TABLE = """terrain,altitude_from,altitude_to,volume_from,volume_to,return_period,mu,xi
@@ -129,6 +164,33 @@ def test_each_cell_has_the_friction_of_its_class_and_altitude(tmp_path):
     assert friction_values(small, classes, elevation, path) == {"mu": 0.25, "xi": 2000.0}
     frequent = rows_of_event(read_friction_table(path, "Voellmy"), 80e3, 30.0, path)
     assert friction_values(frequent, classes, elevation, path) == {"mu": 0.3, "xi": 1500.0}
+
+
+SIZED = "volume_to,volume_from,size,tau0\n25000,,small,0\n60000,25000,Medium,0\n,60000,large,10\n"
+
+
+def test_sizes_of_samos_at_are_its_published_coefficients(tmp_path):
+    path = table(tmp_path, SIZED)
+    for volume, mu, tau0 in ((1e3, 0.22, 0.0), (25e3, 0.17, 0.0), (60e3, 0.155, 10.0)):
+        rows = rows_of_event(read_friction_table(path, "SamosAT"), volume, None, path)
+        assert [row.values for row in rows] == [{"mu": mu, "tau0": tau0}]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "law", "words"),
+    [
+        ("Medium", "auto", "SamosAT", "line 3: size is 'auto', expected small, medium, large; for a size by volume"),
+        ("Medium", "huge", "SamosAT", "line 3: size is 'huge', expected small, medium, large"),
+        ("Medium", "", "SamosAT", "line 3: size is empty, expected small, medium, large"),
+        ("tau0", "mu", "SamosAT", "size is in place of mu, and both are columns; remove one"),
+        ("size", "sizes", "SamosAT", r"column 'sizes' is neither .* \(mu, tau0, Rs0, kappa, R, B, size\)"),
+        ("", "", "VoellmyMinShear", "column 'size' is neither"),
+    ],
+)
+def test_wrong_sizes_are_refused_in_a_line(tmp_path, old, new, law, words):
+    with pytest.raises(FormatError, match=words) as error:
+        read_friction_table(table(tmp_path, SIZED.replace(old, new, 1)), law)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -170,3 +232,18 @@ def test_events_and_places_without_a_row_are_named(tmp_path):
         friction_values([row for row in large if row.terrain != "gully"], classes, elevation, path)
     with pytest.raises(InputError, match="lines 5 and 5 both apply to gully terrain at 900 to 900 m"):
         friction_values([*large, large[3]], classes, elevation, path)
+
+
+def test_a_gap_is_named_as_a_whole_whatever_the_blocks(tmp_path):
+    path = table(tmp_path)
+    large = rows_of_event(read_friction_table(path, "Voellmy"), 80e3, 300.0, path)
+    rows = [*[row for row in large if row.terrain not in ("gully", "channel")], large[0]]
+    classes = np.array([[GULLY, OPEN_SLOPE], [CHANNEL, OPEN_SLOPE], [CHANNEL, OPEN_SLOPE]], np.uint8)
+    elevation = np.array([[800.0, 1600.0], [900.0, 1700.0], [1000.0, 1400.0]])
+    for kept, words in ((rows, "lines 2 and 2 .* open terrain at 1600 to 1700"), (rows[:-1], "channel .* 900 to 1000")):
+        for order in ([0, 1, 2], [2, 0, 1]):
+            cells = FrictionCells(kept, path)
+            for line in order:
+                cells.chosen(classes[line : line + 1], elevation[line : line + 1])
+            with pytest.raises(InputError, match=words):
+                cells.found()

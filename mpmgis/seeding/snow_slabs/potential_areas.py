@@ -20,6 +20,7 @@ from ...system.source_names import file_of
 from ...system.whole_files import refuse_existing
 from ...terrain.area_masks import AreaMask, read_area_mask
 from ...terrain.dtm import READ_WHOLE, TerrainFile
+from ...terrain.dtm_blocks import Block, block_heights, dtm_blocks
 from ...terrain.elevation import Terrain
 from .slab_criteria import SCENARIOS, SlabCriteria
 from .slab_ground import CRITERIA, SlabGround, halo, slab_ground
@@ -86,19 +87,6 @@ class SlabAreas:
     def files(self) -> list[Path]:
         """Files that were written."""
         return [] if self.path is None else [self.path]
-
-
-@dataclass(frozen=True)
-class _Block:
-    """Rows and columns of a DTM, from `first` up to `last`; `path` is that of the DTM."""
-
-    path: Path
-    first: tuple[int, int]
-    last: tuple[int, int]
-
-    @property
-    def cells(self):
-        return slice(self.first[0], self.last[0]), slice(self.first[1], self.last[1])
 
 
 def find_slab_areas(terrain: Terrain | TerrainFile, search: SlabSearch, progress: Progress = unwatched) -> SlabAreas:
@@ -185,32 +173,14 @@ def write_slab_areas(
     return found
 
 
-def _blocks(terrain: Terrain | TerrainFile, side: int) -> list[_Block]:
-    rows, columns = terrain.grid.shape
-    path = file_of(terrain.path) if terrain.path else Path()
-    return [
-        _Block(path, (i, j), (min(i + side, rows), min(j + side, columns)))
-        for i in range(0, rows, side)
-        for j in range(0, columns, side)
-    ]
-
-
 def _block_ground(
-    block: _Block, terrain: Terrain | TerrainFile, forest: AreaMask | None, criteria: SlabCriteria
+    block: Block, terrain: Terrain | TerrainFile, forest: AreaMask | None, criteria: SlabCriteria
 ) -> SlabGround:
     """Classify the cells of a block, from its elevations and those of the halo around it."""
-    around = halo(terrain.grid.sides)
-    first = [n - around for n in block.first]
-    last = [n + around for n in block.last]
-    inside = [(max(a, 0), min(b, n)) for a, b, n in zip(first, last, terrain.grid.shape, strict=True)]
-    rows, columns = (slice(*pair) for pair in inside)
     with muted():
-        whole = isinstance(terrain, Terrain)
-        there = terrain.elevation[rows, columns] if whole else terrain.heights(rows, columns)
-        grid = terrain.grid.part(*block.first, tuple(b - a for a, b in zip(block.first, block.last, strict=True)))
+        elevation = block_heights(terrain, block, halo(terrain.grid.sides))
+        grid = terrain.grid.part(*block.first, block.shape)
         open_ground = np.ones(grid.shape, bool) if forest is None else ~forest.inside(grid)
-    elevation = np.full([b - a for a, b in zip(first, last, strict=True)], np.nan)
-    elevation[tuple(slice(a - n, b - n) for (a, b), n in zip(inside, first, strict=True))] = there
     return slab_ground(elevation, grid.matrix, open_ground, criteria)
 
 
@@ -227,7 +197,7 @@ def _whole_ground(
         np.zeros(CRITERIA, np.int64),
         math.nan,
     )
-    blocks = _blocks(terrain, search.block)
+    blocks = dtm_blocks(terrain, search.block)
     parts = pool.map(_block_ground, blocks, terrain, forest, search.criteria)
     for number, (block, part) in enumerate(zip(blocks, parts, strict=True), 1):
         if part.counts[-1]:  # elsewhere the zeros take no memory
