@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..laws.contact_friction import STICKING, Contact
+from ..laws.contact_friction import STICKING
+from ..laws.friction import Friction, strength_of_bed
 from ..laws.material import Material
 from ..laws.material_choice import strength_at_rest
 from .ground_below import GroundBelow
@@ -27,7 +28,7 @@ def stress_of_weight(
     terrain: "Terrain",
     vertical_stress: np.ndarray,
     material: Material,
-    contact: Contact,
+    contact: Friction,
     cell_size: float,
     gravity: float,
 ) -> np.ndarray:
@@ -42,7 +43,7 @@ def stress_of_weight(
         -rho g c^2 d of the depth d of each point below the surface on a bed of cosine c
         (`ground_below.vertical_stress`).
     material : Material
-    contact : Contact
+    contact : Friction
     cell_size : float [m]
     gravity : float [m s-2]
 
@@ -70,14 +71,15 @@ def stress_of_weight(
     size = max(cell_size, float(np.median(thickness[known]))) if known.any() else cell_size
     slope = surface_slopes(x, y, height + depth, size)
     slope *= (STEEPEST / np.maximum(np.hypot(*slope.T), STEEPEST))[:, None]
-    bed_friction, stress = STEEPEST if contact.kind == STICKING else contact.mu, np.empty((len(x), 6))
+    bed_friction, bed_yield = (STEEPEST, 0.0) if contact.kind == STICKING else strength_of_bed(contact)
+    stress = np.empty((len(x), 6))
     for first in range(0, len(x), CHUNK):
         some = slice(first, first + CHUNK)
-        normal_stress = load[some] * depth[some] / (1.0 + (slope[some] ** 2).sum(axis=1))
+        cosine2 = 1.0 / (1.0 + (slope[some] ** 2).sum(axis=1))
+        normal_stress = load[some] * depth[some] * cosine2
+        bed = bed_friction + bed_yield / np.maximum(-load[some] * thickness[some] * cosine2, TINY)
         strength = np.minimum(friction + cohesion / np.maximum(-normal_stress, TINY), STRONGEST)
-        stress[some] = kirchhoff_stress(
-            normal_stress, material.bulk_modulus, shear_modulus, slope[some], bed_friction, strength
-        )
+        stress[some] = kirchhoff_stress(normal_stress, material.bulk_modulus, shear_modulus, slope[some], bed, strength)
     return stress
 
 
@@ -86,7 +88,7 @@ def kirchhoff_stress(
     bulk_modulus: float,
     shear_modulus: float,
     slope: np.ndarray | None = None,
-    bed_friction: float = STEEPEST,
+    bed_friction: float | np.ndarray = STEEPEST,
     strength: float | np.ndarray = STRONGEST,
 ) -> np.ndarray:
     """Compute the Kirchhoff stress of points from their weight.
@@ -105,7 +107,7 @@ def kirchhoff_stress(
     bulk_modulus, shear_modulus : float [Pa]
     slope : float64[n, 2], optional [1]
         Of the surface along x and y; default level.
-    bed_friction : float [1]
+    bed_friction : float or float64[n] [1]
     strength : float or float64[n] [1]
         Largest |s| / sqrt(2) over p at rest, of the material.
 
@@ -120,7 +122,7 @@ def kirchhoff_stress(
     steepness = np.hypot(*slope.T)
     sine = np.minimum(strength, 1.0 - 1e-9)
     borne = sine / np.sqrt(1.0 - sine**2)
-    shear = np.minimum(np.minimum(steepness, borne), min(bed_friction, STEEPEST))
+    shear = np.minimum(np.minimum(steepness, borne), np.minimum(bed_friction, STEEPEST))
     along = lateral_ratio(confined, shear, strength)
     across = np.minimum(along, 0.5 * (1.0 + along))  # between the principal stresses in the vertical plane
     cosine = 1.0 / np.sqrt(1.0 + steepness**2)

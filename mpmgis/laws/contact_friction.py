@@ -1,171 +1,190 @@
-"""Contact of the 3D flow with the ground: Coulomb friction on the impulse, Voellmy's drag, or sticking."""
+"""Friction of the 3D flow on the ground: Coulomb friction on the impulse of the contact, and a traction.
+
+A law of `friction` gives the stress on the bed below a depth-averaged flow. Its Coulomb part with a constant
+coefficient acts on the impulse of the contact in 3D. The rest is a traction: a function of the load, the thickness and
+the mean speed of the column of flow above the bed.
+"""
 
 from math import sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from .flow_layers import chezy_number, relative_roughness
+from .flow_layers import relative_roughness
+from .friction import (
+    COULOMB,
+    MANNING,
+    NAMES,
+    NO_FRICTION,
+    POULIQUEN,
+    SAMOS_AT,
+    VOELLMY,
+    VOELLMY_MIN_SHEAR,
+    Friction,
+    built_in_at_node,
+    built_in_parts,
+    slowed_speed,
+)
 
 if TYPE_CHECKING:
     import numpy as np
 
-# kinds of contact
-COULOMB = 1
-VOELLMY = 2
-STICKING = 3
-# kind -> its parameters, fields of `Contact`
-PARAMETERS = {COULOMB: ("mu",), VOELLMY: ("mu", "xi"), STICKING: ()}
+STICKING = len(NAMES)  # kind of contact in addition to those of the laws of friction; it has no parameters
 
 
-class Contact(NamedTuple):
-    """Contact of any kind; parameters that its kind does not have are 0. By default the flow slides freely.
-
-    Made by `coulomb_contact`, `voellmy_contact` or `sticking_contact`.
-    """
-
-    kind: int = COULOMB
-    mu: float = 0.0  # [1] tangent of the bed friction angle
-    xi: float = 0.0  # [m s-2] turbulent coefficient
+def sticking_contact() -> Friction:
+    """Make a contact at which the flow neither slides nor separates from the ground."""
+    return Friction(STICKING)
 
 
-def coulomb_contact(mu: float) -> Contact:
-    """Make the contact of `dry_slip`: points on the ground have dry friction, the flow may leave the ground.
+def has_traction(contact: Friction) -> bool:
+    """Return whether a law has more than Coulomb friction on the impulse.
 
     Parameters
     ----------
-    mu : float [1]
-        Tangent of the bed friction angle; 0 slides freely. Vicari et al. (2025): 0.65 on glacier ice, 0.55 on rock.
+    contact : Friction
     """
-    return Contact(COULOMB, float(mu))
+    return contact.kind not in (NO_FRICTION, COULOMB, STICKING)
 
 
-def voellmy_contact(mu: float, xi: float) -> Contact:
-    """Make a contact with dry friction and turbulent drag: tau = mu sigma + rho g u^2 / xi (Voellmy 1955).
-
-    The same law as `friction.voellmy` of the depth-averaged solver: u is the mean speed over the flow's depth, and its
-    layers transfer mu p and turbulent stress (`flow_layers`). Drag acts on flow that touches the bed, with or without
-    pressure in the same step: elastic oscillation of the flow does not reduce it.
+def impulse_friction(contact: Friction) -> float:
+    """Return the coefficient of the friction on the impulse of the contact [1].
 
     Parameters
     ----------
-    mu : float [1]
-        Tangent of the bed friction angle.
-    xi : float [m s-2]
-        Turbulent coefficient; larger is more mobile. Snow 1000 to 3000, debris flows 100 to 500, rock avalanches 300
-        to 1500, from depth-averaged models.
+    contact : Friction
     """
-    return Contact(VOELLMY, float(mu), float(xi))
-
-
-def sticking_contact() -> Contact:
-    """Make the contact of a flow that neither moves on the ground nor leaves it."""
-    return Contact(STICKING)
+    if contact.kind in (COULOMB, VOELLMY, POULIQUEN, SAMOS_AT, VOELLMY_MIN_SHEAR):
+        return contact.a
+    if contact.kind == MANNING:
+        return contact.b
+    return 0.0
 
 
 def dry_slip(mu: float, slip: float, pressed: float) -> float:
     """Compute the share of the tangential speed that Coulomb friction on the impulse leaves.
 
-    The tangential impulse is at most mu times the normal impulse.
-
     Parameters
     ----------
     mu : float [1]
     slip : float [m s-1]
-        Tangential speed.
+        Tangential speed, above 0.
     pressed : float [m s-1]
-        Normal speed that the ground stops.
+        Impulse that the ground exerts along its normal, over the mass that slides: the speed into the ground that it
+        removes.
 
     Returns
     -------
     float [1]
+        max(0, 1 - mu pressed / slip): one impulse that resists sliding (semi-implicit), no drag and no reversal.
     """
     return max(0.0, 1.0 - mu * pressed / slip)
 
 
-def voellmy_drag(xi: float, slip: float, load: float) -> float:
-    """Compute the share of the speed that is left after a step of drag.
-
-    The exact solution s of s = slip - load s^2 / xi, over slip.
-
-    Parameters
-    ----------
-    xi : float [m s-2]
-    slip : float [m s-1]
-        Tangential speed.
-    load : float [s-1]
-        rho g dt times the area of bed, over the mass that it slows.
-
-    Returns
-    -------
-    float [1]
-    """
-    return 2.0 / (1.0 + sqrt(1.0 + 4.0 * load * slip / xi))
-
-
-def kept_slip(contact: Contact, slip: float, pressed: float) -> float:
+def kept_slip(contact: Friction, slip: float, pressed: float) -> float:
     """Compute the share of the tangential speed that friction leaves [1]; none where the flow sticks.
 
     Parameters
     ----------
-    contact : Contact
-    slip : float [m s-1]
-        Tangential speed.
-    pressed : float [m s-1]
-        Normal speed that the ground stops.
+    contact : Friction
+    slip, pressed : float [m s-1]
+        As of `dry_slip`.
     """
-    return 0.0 if contact.kind == STICKING else dry_slip(contact.mu, slip, pressed)
+    return 0.0 if contact.kind == STICKING else dry_slip(impulse_friction(contact), slip, pressed)
 
 
-def kept_by_drag(contact: Contact, slip: float, load: float) -> float:
-    """Compute the share of the speed that is left after a step of drag [1]; all without drag.
+def traction_parts(
+    contact: Friction, density: float, gravity: float, normal_stress: float, thickness_normal: float, speed: float
+) -> tuple[float, float, float]:
+    """Compute the parts of the stress of a law that is not friction on the impulse (see `friction`).
 
     Parameters
     ----------
-    contact : Contact
-    slip, load : float
-        As of `voellmy_drag`.
+    contact : Friction
+        A law of friction with traction.
+    density, gravity, normal_stress, thickness_normal, speed : float
+        [kg m-3], [m s-2], [Pa], [m], [m s-1], as of the laws of `friction`.
+
+    Returns
+    -------
+    float [Pa]
+        Dry stress above that of the friction on the impulse.
+    float [Pa s m-1]
+        Viscous coefficient.
+    float [1]
+        Drag coefficient.
     """
-    return voellmy_drag(contact.xi, slip, load) if contact.kind == VOELLMY else 1.0
+    dry, viscous, drag = built_in_parts(contact, density, gravity, normal_stress, thickness_normal, speed)
+    return max(dry - impulse_friction(contact) * normal_stress, 0.0), viscous, drag
 
 
-def layer_friction(contact: Contact) -> float:
-    """Return the friction between layers of a flow whose material has no strength [1]: mu of a contact with drag.
+def kept_by_traction(
+    parts: tuple[float, float, float], speed: float, time_step: float, density: float, slowed: float
+) -> float:
+    """Compute the share of the speed that is left after a step of traction [1] (`slowed_speed`).
 
     Parameters
     ----------
-    contact : Contact
+    parts : (float [Pa], float [Pa s m-1], float [1])
+        As of `traction_parts`.
+    speed : float [m s-1]
+        Above 0.
+    time_step : float [s]
+    density : float [kg m-3]
+    slowed : float [kg m-2]
+        Mass that the traction slows, per area of bed.
     """
-    return contact.mu if contact.kind == VOELLMY else 0.0
+    dry, viscous, drag = parts
+    return slowed_speed(speed, time_step, dry / slowed, viscous / slowed, density * drag / slowed) / speed
 
 
-def layer_roughness(contact: Contact, gravity: float) -> float:
-    """Compute the roughness of the bed whose logarithmic law has the drag of xi; 1 without drag and turbulence.
+def drag_roughness(drag: float) -> float:
+    """Compute the roughness of the bed whose logarithmic profile of speed has a drag coefficient.
 
     Parameters
     ----------
-    contact : Contact
+    drag : float [1]
+        Of the stress rho `drag` u^2; 0 without drag.
+
+    Returns
+    -------
+    float [1]
+        Roughness over the depth of the flow, z0 / h; 1 without drag.
+    """
+    return relative_roughness(1.0 / sqrt(drag)) if drag > 0.0 else 1.0
+
+
+def equal_roughness(contact: Friction, zones: bool, gravity: float) -> float:
+    """Compute `drag_roughness` of a law whose drag coefficient is the same everywhere.
+
+    Parameters
+    ----------
+    contact : Friction
+    zones : bool
+        Whether the parameters of the law are those of each node.
     gravity : float [m s-2]
 
     Returns
     -------
     float [1]
-        Roughness over the depth of the flow, z0 / h.
+        0 where it differs from place to place.
     """
-    return relative_roughness(chezy_number(contact.xi, gravity)) if contact.kind == VOELLMY else 1.0
+    if zones or contact.kind not in (VOELLMY, VOELLMY_MIN_SHEAR):
+        return 0.0
+    return drag_roughness(gravity / contact.b)
 
 
-def contact_at(contact: Contact, zones: bool, values: "np.ndarray", j: int, i: int) -> Contact:
-    """Return the contact at node [j, i], with the parameters of its zone where there are zones.
+def contact_at(contact: Friction, zones: bool, values: "np.ndarray", j: int, i: int) -> Friction:
+    """Return the contact at a node: the parameters of the law at each node are in an array.
 
     Parameters
     ----------
-    contact : Contact
+    contact : Friction
     zones : bool
-        Whether parameters differ from place to place.
-    values : float64[rows, columns, parameters]
-        PARAMETERS of this kind.
+        Whether the parameters of the law are those of each node.
+    values : float[rows, columns, parameters]
+        In the order of the law's parameters; where there are no zones, `contact` itself applies.
     j, i : int
+        Row and column of the node.
     """
     if not zones or contact.kind == STICKING:
         return contact
-    xi = values[j, i, 1] if contact.kind == VOELLMY else contact.xi
-    return Contact(contact.kind, values[j, i, 0], xi)
+    return built_in_at_node(contact, values, j, i)

@@ -6,7 +6,6 @@ One compiled program has all built-in laws; a step takes the branches that these
 from typing import Any, NamedTuple, get_type_hints
 
 from .affine_transfer import WHOLE_GRADIENT
-from .contact_friction import Contact
 from .curvature import NO_CURVATURE
 from .entrainment import Entrainment
 from .friction import FRICTIONLESS, Friction
@@ -62,8 +61,8 @@ class PointEffects(NamedTuple):
     ----------
     material : Material
     softening : Softening
-    contact : Contact
-        With the ground.
+    contact : Friction
+        Law of friction on the ground, or sticking.
     zones : bool
         The parameters of the contact are those of each node.
     barrier : bool
@@ -74,7 +73,7 @@ class PointEffects(NamedTuple):
 
     material: Material
     softening: Softening = Softening()
-    contact: Contact = Contact()
+    contact: Friction = FRICTIONLESS
     zones: bool = False
     barrier: bool = False
     transfer: int = WHOLE_GRADIENT

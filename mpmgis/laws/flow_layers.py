@@ -10,12 +10,11 @@ steady flow has u(z) = (u* / KAPPA) ln(1 + z / z0) with u*^2 = g U^2 / xi. Its m
 solves (1 + r) ln(1 + 1 / r) - 1 = KAPPA sqrt(xi / g): xi determines the roughness of the bed.
 """
 
-from math import exp, log, sqrt
+from math import exp, log
 
 KAPPA = 0.4  # [1] von Karman's constant
 NEWTON_STEPS = 5  # to round-off for Chezy numbers of 0.01 to 1000
 SMOOTHEST = 1e-30  # [1] smallest z0 / h
-LEAST_GRAVITY = 1e-300  # [m s-2] a divisor in place of 0
 LEAST_SPREAD = 0.05  # [1] smallest difference of ln(z + z0) between two layers
 
 
@@ -75,15 +74,3 @@ def turbulent_link(slip: float, lower: float, upper: float) -> float:
     """
     spread = max(log(upper / lower), LEAST_SPREAD)
     return KAPPA * KAPPA * slip / (spread * spread)
-
-
-def chezy_number(xi: float, gravity: float) -> float:
-    """Compute sqrt(xi / g) [1]: the mean speed of a flow over the shear velocity u* of its drag.
-
-    Parameters
-    ----------
-    xi : float [m s-2]
-        Turbulent coefficient.
-    gravity : float [m s-2]
-    """
-    return sqrt(xi / max(gravity, LEAST_GRAVITY))

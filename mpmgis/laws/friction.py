@@ -498,6 +498,18 @@ def basal_stress(
     return dry + viscous * speed + density * drag * speed * speed
 
 
+def strength_of_bed(law: Friction) -> tuple[float, float]:
+    """Return what a built-in law resists at rest: a friction coefficient [1] and, in addition, a yield stress [Pa].
+
+    Parameters
+    ----------
+    law : Friction
+    """
+    without, _, _ = built_in_parts(law, 1000.0, GRAVITY, 0.0, 1.0, 0.0)
+    loaded, _, _ = built_in_parts(law, 1000.0, GRAVITY, 1000.0, 1.0, 0.0)  # [Pa]: at rest it is linear in the load
+    return (loaded - without) / 1000.0, without
+
+
 def slowed_speed(
     speed: float, time_step: float, dry_deceleration: float, viscous_rate: float, drag_per_length: float
 ) -> float:
@@ -641,7 +653,7 @@ def friction_law(name: str, *values: float, **named: float) -> Friction:
 
 
 def parameters_of(law: tuple) -> dict[str, float]:
-    """Return the parameters of a law by name; none without friction.
+    """Return the parameters of a law by name; none without friction, and none where the flow sticks to the bed.
 
     Parameters
     ----------
@@ -649,7 +661,7 @@ def parameters_of(law: tuple) -> dict[str, float]:
     """
     if not isinstance(law, Friction):
         return law._asdict()
-    if law.kind == NO_FRICTION:
+    if not NO_FRICTION < law.kind < len(NAMES):
         return {}
     return dict(zip(LAWS[NAMES[law.kind]][1], law[1:], strict=False))
 

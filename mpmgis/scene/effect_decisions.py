@@ -4,7 +4,6 @@ from ..laws.effect_slots import ColumnEffects, PointEffects
 from .decision_rules import Decision, TerrainFacts
 from .forest_effect import decide_forest
 from .point_effects import (
-    decide_contact,
     decide_depth_cells,
     decide_elasticity,
     decide_fluid_viscosity,
@@ -25,7 +24,6 @@ from .resistance_effects import (
     decide_earth_pressure,
     decide_friction,
     decide_lateral_pressure,
-    decide_point_drag,
     decide_viscosity,
 )
 from .scene import Scene
@@ -74,8 +72,8 @@ POINT_DECIDERS = (
     decide_mu_i,
     decide_fluid_viscosity,
     decide_volume_correction,
-    decide_contact,
-    decide_point_drag,
+    decide_friction,
+    decide_drag,
     decide_zones,
     decide_point_barrier,
     decide_depth_cells,

@@ -41,13 +41,9 @@ def json_schema() -> Schema:
 def _friction_laws() -> dict[str, Schema]:
     """Name -> parameters (name -> schema) of the laws of friction of both solvers, with what may be given instead."""
     found: dict[str, Schema] = {}
-    for laws in (friction.LAWS, material_table.CONTACTS):
-        for law, (_, parameters) in laws.items():
-            own = found.setdefault(law, {})
-            for name, parameter in parameters.items():
-                own.setdefault(name, _parameter(parameter))
-            for name, (_, parameter) in friction.given_instead(law).items():
-                own.setdefault(name, _parameter(parameter))
+    for law, (_, parameters) in material_table.CONTACTS.items():
+        instead = {name: parameter for name, (_, parameter) in friction.given_instead(law).items()}
+        found[law] = {name: _parameter(parameter) for name, parameter in (parameters | instead).items()}
     sizes = [*friction.SIZES, friction.BY_VOLUME]
     found[friction.SIZED_LAW][friction.SIZE] = {"type": "string", "enum": sizes, "description": "in place of mu"}
     return found

@@ -66,9 +66,8 @@ def made_table(
         if f.default is MISSING and name not in made:
             raise SceneError(f"{where}: {name} is missing ({f.metadata['doc']})")
     if laws is not None:
-        elsewhere = made["law"] in metadata["parameters_of"] or ":" in made["law"]
-        if instead is not None and made["law"] not in laws and elsewhere:
-            raise SceneError(f"{where}: the 3D solver has no {made['law']} on the bed; expected {listed(laws)}")
+        if instead is not None and ":" in made["law"]:
+            raise SceneError(f"{where}: the 3D solver takes no law from a Python file; expected {listed(laws)}")
         made["law"] = _law_name(laws, made["law"], own_laws, where)
         if kind is FrictionTable:
             extra, made["written"] = _in_place_of(made["law"], extra, where)

@@ -4,7 +4,7 @@ from math import radians, tan
 from typing import TYPE_CHECKING
 
 from ..laws import solid_material as solid
-from ..laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
+from ..laws.contact_friction import sticking_contact
 from ..laws.fluid_material import fluid_step
 from ..laws.friction import LAWS as FRICTION_LAWS
 from ..laws.friction import Parameter
@@ -60,12 +60,9 @@ OPTIONS = {
     "volume_correction": ((*CONES, "MuI"), True),
     "pressure": (("Fluid",), "linear"),
 }
-# contacts of the 3D solver: name -> (what makes it, {parameter: Parameter})
-CONTACTS = {
-    "Coulomb": (coulomb_contact, FRICTION_LAWS["Coulomb"][1]),
-    "Voellmy": (voellmy_contact, FRICTION_LAWS["Voellmy"][1]),
-    "Sticking": (sticking_contact, {}),
-}
+STICKING_LAW = "Sticking"  # name of the contact of the 3D solver that is no law of friction
+# laws on the bed of the 3D solver: name -> (law, {parameter: Parameter})
+CONTACTS = {**FRICTION_LAWS, STICKING_LAW: (sticking_contact, {})}
 
 
 def contradiction(name: str, parameters: dict[str, float]) -> str:

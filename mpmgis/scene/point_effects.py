@@ -1,12 +1,12 @@
-"""Effects of the 3D solver, as decisions: material, stiffness, softening, contact with the bed."""
+"""Effects of the 3D solver, as decisions: material, stiffness, softening, resolution."""
 
 from math import atan, cos, radians, sqrt, tan
 
 from ..laws.material_choice import wave_speed
 from ..laws.quantities import GRAVITY
 from ..laws.softening import NONE
-from .decision_rules import Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, number_words, over_slope
-from .material_table import CONES, least_internal_friction, made_material, made_softening, stiffened
+from .decision_rules import Decision, Slots, TerrainFacts, as_asked, by_number, not_called_for, over_slope
+from .material_table import CONES, made_material, made_softening, stiffened
 from .scene import Scene
 from .tables import SofteningTable
 from .terrain_effects import use_of_several
@@ -24,25 +24,6 @@ COLLAPSE = (
 )
 MU_I_THRESHOLD = 0.1  # [1] I / I0 below which the flow is so slow that friction is mu1
 VISCOUS_REYNOLDS = 1e4  # [1] Reynolds number above which viscosity has no effect
-
-
-def mu_least_of_points(scene: Scene) -> float:
-    """Return the smallest friction of a 3D flow: on its bed or, if it yields, in its interior.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    float [1]
-    """
-    inside = least_internal_friction(scene.material, scene.softening)
-    table = scene.friction
-    if table is None or table.use == "off":
-        return 0.0
-    found = [] if table.law == "Sticking" else [scene.dry_friction()]
-    return min(found + ([] if inside is None else [inside]), default=0.0)
 
 
 def decide_material(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
@@ -254,26 +235,6 @@ def decide_volume_correction(scene: Scene, facts: TerrainFacts, slots: Slots) ->
         return not_called_for("vol_correction", "the material remembers no gaps")
     use = "off" if table.volume_correction is False else "auto"
     return as_asked("vol_correction", use, "material that was pulled apart bears load only after compression")
-
-
-def decide_contact(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
-    """Decide on friction on the bed.
-
-    Parameters
-    ----------
-    scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decision_rules`).
-    """
-    table = scene.friction
-    if table is None:
-        return not_called_for("friction", "no [friction] in the scene: the flow slides freely on its bed")
-    values = table.parameter_words()
-    ratio = over_slope(scene.dry_friction(), facts) if table.parameters else None
-    words = f"{table.law}: {values}" if values else table.law
-    decision = as_asked("friction", table.use, f"{words}{number_words(ratio)}", ratio)
-    if decision.state == "on":
-        slots["contact"] = scene.laws[table.law][0](**table.parameters)
-    return decision
 
 
 def decide_depth_cells(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:

@@ -3,7 +3,6 @@
 from math import sqrt
 
 from ..laws import friction, internal_stress
-from ..laws.contact_friction import VOELLMY, coulomb_contact
 from ..laws.quantities import GRAVITY
 from .decision_rules import (
     KEEPS_ALL,
@@ -18,7 +17,7 @@ from .decision_rules import (
     over_slope,
 )
 from .mass_point_runout import change, runout
-from .point_effects import mu_least_of_points
+from .material_table import STICKING_LAW, least_internal_friction
 from .scene import Scene
 from .tables import FrictionTable
 
@@ -33,6 +32,7 @@ DRAG_THRESHOLD = 0.025  # [1] (U / U_t)^2
 LATERAL_THRESHOLD = 0.01  # [1] h0 / (L0 |T - mu|)
 SPEEDS = (1e-6, 1.0, 5.0, 20.0, 80.0)  # [m s-1] at which a user-defined law is evaluated
 NO_DRAG = "the law of friction has none"
+SLOTS = {"columns": "friction", "points": "contact"}  # solver -> slot of the law of friction
 LEAST_DRIVE = 0.01  # [1] of gravity: remaining driving force where friction balances the slope
 
 
@@ -40,7 +40,8 @@ def mu_least(scene: Scene) -> float:
     """Return the least that friction can be in the scene, by which the energy line falls; 0 without friction.
 
     Hergarten's modified law is lightest just above its crossover speed v_c: v_c^2 / xi for a flow of 1 m; of a law of
-    the user's own it is the least over speeds, for 1 m of water on level ground. A 3D flow shears inside, too.
+    the user's own it is the least over speeds, for 1 m of water on level ground. A 3D flow shears inside, too, where it
+    yields.
 
     Parameters
     ----------
@@ -50,10 +51,17 @@ def mu_least(scene: Scene) -> float:
     -------
     float [1]
     """
-    if scene.solver == "points":
-        return mu_least_of_points(scene)
     table = scene.friction
-    if table is None or table.use == "off" or (table.law in friction.LAWS and table.law != "ModifiedVoellmy"):
+    if table is None or table.use == "off":
+        return 0.0
+    inside = least_internal_friction(scene.material, scene.softening) if scene.solver == "points" else None
+    found = [] if table.law == STICKING_LAW else [_least_on_bed(scene, table)]
+    return min(found + ([] if inside is None else [inside]), default=0.0)
+
+
+def _least_on_bed(scene, table):
+    """Return the least friction [1] of the law of a FrictionTable."""
+    if table.law in friction.LAWS and table.law != "ModifiedVoellmy":
         return scene.dry_friction()
     if table.law == "ModifiedVoellmy":
         return min(table.parameters["mu"], table.parameters["crossover_speed"] ** 2 / table.parameters["xi"])
@@ -71,20 +79,22 @@ def decide_friction(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision
     """
     table = scene.friction
     if table is None:
-        return not_called_for("friction", "no [friction] in the scene: the flow has no resistance")
+        without = "the flow has no resistance" if scene.solver == "columns" else "the flow slides freely on its bed"
+        return not_called_for("friction", f"no [friction] in the scene: {without}")
     values = table.parameter_words()
     if friction.SIZE in table.written:
         values = f"{friction.SIZE} = {table.written[friction.SIZE]}{table.chosen}, {values}"
     law = _law_of(scene)
-    ratio = over_slope(scene.dry_friction(), facts)
-    decision = as_asked("friction", table.use, f"{table.law}: {values}{number_words(ratio)}", ratio)
+    ratio = over_slope(scene.dry_friction(), facts) if table.parameters else None
+    words = f"{table.law}: {values}" if values else table.law
+    decision = as_asked("friction", table.use, f"{words}{number_words(ratio)}", ratio)
     if decision.state == "on":
-        slots["friction"] = law
+        slots[SLOTS[scene.solver]] = law
     return decision
 
 
 def _law_of(scene):
-    """Return the law of [friction] of a depth-averaged scene."""
+    """Return the law of [friction]."""
     table = scene.friction
     if table.law in friction.LAWS:
         return friction.friction_law(table.law, **table.parameters)
@@ -99,7 +109,8 @@ def decide_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
     scene, facts, slots : Scene, TerrainFacts, dict
         As of every decider (`decision_rules`).
     """
-    law = slots.get("friction")
+    slot = SLOTS[scene.solver]
+    law = slots.get(slot)
     mu, xi = _as_voellmy(law, scene, facts)
     if law is None or xi is None:
         return not_called_for("turbulent_drag", NO_DRAG)
@@ -107,7 +118,7 @@ def decide_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
         return as_asked("turbulent_drag", "auto", *_drag_felt(mu, xi, facts))
     decision = _drag_by_number(scene, mu, xi, facts)
     if decision.state == "off":
-        slots["friction"] = friction.friction_law("Coulomb", mu)
+        slots[slot] = friction.friction_law("Coulomb", mu)
     return decision
 
 
@@ -129,23 +140,6 @@ def _as_voellmy(law: tuple | None, scene: Scene, facts: TerrainFacts) -> tuple[f
     load = facts.density * GRAVITY * depth * cosine
     dry, _, drag = friction.stress_parts(law, facts.density, GRAVITY, load, depth, facts.speed)
     return (dry / load, friction.turbulent_coefficient(drag)) if drag > 0.0 else (mu, None)
-
-
-def decide_point_drag(scene: Scene, facts: TerrainFacts, slots: Slots) -> Decision:
-    """Decide on Voellmy's turbulent part for a 3D flow on its bed (`decide_drag`).
-
-    Parameters
-    ----------
-    scene, facts, slots : Scene, TerrainFacts, dict
-        As of every decider (`decision_rules`).
-    """
-    law = slots.get("contact")
-    if law is None or law.kind != VOELLMY:
-        return not_called_for("turbulent_drag", NO_DRAG)
-    decision = _drag_by_number(scene, law.mu, law.xi, facts)
-    if decision.state == "off":
-        slots["contact"] = coulomb_contact(law.mu)
-    return decision
 
 
 def _drag_by_number(scene: Scene, mu: float, xi: float, facts: TerrainFacts) -> Decision:

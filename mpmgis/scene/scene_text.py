@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields
 from typing import Any
 
 from ..laws import friction
-from .material_table import CONTACTS
+from .material_table import STICKING_LAW
 from .scene import Scene
 from .tables import LISTED, TABLES, keys_of, laws_of
 
@@ -102,4 +102,4 @@ def _template_parameters(laws: dict[str, tuple], example: str, shown: bool) -> I
             yield f"{'# ' + name + ' = ' + value:<34} # [{unit}] {doc}; in place of {parameter}"
         size, sizes = toml_value(friction.BY_VOLUME), " | ".join((*friction.SIZES, friction.BY_VOLUME))
         yield f"{f'# {friction.SIZE} = {size}':<34} # of {friction.SIZED_LAW} ({sizes}); in place of mu"
-        yield f"# with solver = 'points': {', '.join(CONTACTS)}"
+        yield f"# law = {STICKING_LAW!r} takes no parameters; with solver = 'points'"

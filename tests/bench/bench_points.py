@@ -13,7 +13,7 @@ from point_scenes import block_of, points_on
 
 from mpmgis.compiled.block_order import STRIP
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager, fluid
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.laws.softening import Softening, softening
@@ -38,7 +38,9 @@ def scene(material, soft=None, long=100, wide=100, high=50, size=(160.0, 100.0),
     frame = block_of((long / 2, wide / 2, high / 2), 0.5, (10.0, 20.0, 0.0))
     place = frame.particles.position
     place[:, 2] += SLOPE * (size[0] - place[:, 0])
-    return points_on(terrain, frame, 1.0, material, coulomb_contact(0.3), soft, precision=precision, maxima=maxima)
+    return points_on(
+        terrain, frame, 1.0, material, friction_law("Coulomb", 0.3), soft, precision=precision, maxima=maxima
+    )
 
 
 def nanoseconds(solver, points):

@@ -16,7 +16,7 @@ import test_points_catalogue as catalogue  # noqa: E402
 from contact_scenes import slab  # noqa: E402
 from point_scenes import block_of, integrate_to, points_on, sorted_points  # noqa: E402
 
-from mpmgis.laws.contact_friction import coulomb_contact  # noqa: E402
+from mpmgis.laws.friction import friction_law  # noqa: E402
 
 SLABS = ((24.0, False, 6.0), (26.0, False, 6.0), (26.0, True, 6.0), (35.0, False, 3.0))  # degrees, weighted, time [s]
 ABOVE = (0.0, 0.05, 0.25, 0.45, 0.5, 0.55, 0.75, 0.95)  # [cells], height of the ground above a node
@@ -32,7 +32,9 @@ def fallen(above, layers):
     """Gap [cells] under the lowest of `layers` of points, half a cell apart, after a fall by two cells."""
     frame = block_of((3.0, 3.0, 0.5 * layers), 0.5, (0.0, 0.0, above + 2.0))
     sand = catalogue.drucker_prager(1e7, 6e6, 30.0, 0.0, "plane_strain")
-    solver = points_on(catalogue.level(3.0, 3.0, 1.0, above), frame, 1.0, sand, coulomb_contact(0.5), edges="wall")
+    solver = points_on(
+        catalogue.level(3.0, 3.0, 1.0, above), frame, 1.0, sand, friction_law("Coulomb", 0.5), edges="wall"
+    )
     integrate_to(solver, 4.0)
     return sorted_points(solver).position[:, 2].min() - above - 0.25
 

@@ -34,8 +34,8 @@ import numpy as np  # noqa: E402
 from written_run import write_run  # noqa: E402
 
 from mpmgis.frames.particles import Frame, Particles  # noqa: E402
-from mpmgis.laws.contact_friction import coulomb_contact, voellmy_contact  # noqa: E402
 from mpmgis.laws.effect_slots import PointEffects  # noqa: E402
+from mpmgis.laws.friction import friction_law  # noqa: E402
 from mpmgis.laws.material import (  # noqa: E402
     cohesive_mu_i,
     drucker_prager,
@@ -56,16 +56,16 @@ SLOPE, DEPTH = 0.5, 8  # of the plane; of the slab [cells], with 8 points in a c
 DENSITY = 2000.0
 SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
 MATERIALS = {
-    "elastic": (elastic(6.7e6, 4e6), Softening(), coulomb_contact(0.4)),
-    "Drucker-Prager": (SOIL, Softening(), coulomb_contact(0.4)),
-    "Drucker-Prager with softening": (SOIL, softening((35.0, 500.0), (20.0, 0.0), 10.0), coulomb_contact(0.4)),
-    "mu(I)": (mu_i(6.7e6, 4e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), Softening(), voellmy_contact(0.2, 900.0)),
+    "elastic": (elastic(6.7e6, 4e6), Softening(), friction_law("Coulomb", 0.4)),
+    "Drucker-Prager": (SOIL, Softening(), friction_law("Coulomb", 0.4)),
+    "Drucker-Prager with softening": (SOIL, softening((35.0, 500.0), (20.0, 0.0), 10.0), friction_law("Coulomb", 0.4)),
+    "mu(I)": (mu_i(6.7e6, 4e6, 0.4, 0.6, 0.3, 1e-3, 2500.0, 1.0), Softening(), friction_law("Voellmy", 0.2, 900.0)),
     "cohesive mu(I)": (
         cohesive_mu_i(35.0, 500.0, 0.2, 0.3, 1e-3, 2500.0, bulk_modulus=6.7e6, shear_modulus=4e6),
         Softening(),
-        coulomb_contact(0.4),
+        friction_law("Coulomb", 0.4),
     ),
-    "fluid": (fluid(7.1e6, 0.0, 0.0), Softening(), voellmy_contact(0.1, 900.0)),
+    "fluid": (fluid(7.1e6, 0.0, 0.0), Softening(), friction_law("Voellmy", 0.1, 900.0)),
 }
 AT_BARRIER = "Drucker-Prager at a barrier"
 if importlib.util.find_spec("shapely") is not None:  # which places a barrier on the nodes

@@ -6,8 +6,9 @@ import numba
 import numpy as np
 import pytest
 
-from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
+from mpmgis.laws.contact_friction import sticking_contact
 from mpmgis.laws.effect_slots import PointEffects, in_precision, with_fixed_types
+from mpmgis.laws.friction import FRICTIONLESS, friction_law
 from mpmgis.laws.material import cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
 from mpmgis.laws.softening import Softening, softening
 
@@ -20,7 +21,7 @@ MATERIALS = (
     fluid(7, 0, True),
 )
 SOFTENINGS = (Softening(), *(softening((40, 1000), (20, 0), 10, form) for form in ("exponential", "tangent", "linear")))
-CONTACTS = coulomb_contact(0), voellmy_contact(1, 500), sticking_contact()
+CONTACTS = friction_law("Coulomb", 0), friction_law("Voellmy", 1, 500), sticking_contact()
 
 
 @pytest.mark.parametrize("real", [np.float64, np.float32])
@@ -40,4 +41,4 @@ def test_effects_have_one_type():
 
 def test_by_default_nothing_acts_but_the_material():
     effects = PointEffects(ICE)
-    assert effects == PointEffects(ICE, Softening(), coulomb_contact(0.0), False, False, 0)
+    assert effects == PointEffects(ICE, Softening(), FRICTIONLESS, False, False, 0)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from compiled import compiled_function
+from exact_solutions import steady_speed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -117,17 +118,6 @@ def test_pouliquen_goes_from_mu1_to_mu2():
     assert basal_stress(law, 1500.0, G, load, depth, speed) == pytest.approx(mu * load)
 
 
-def steady_speed(law, density, degrees, depth):
-    """Speed [m s-1] at which the stress of the law is that of the weight, by bisection."""
-    angle = np.radians(degrees)
-    weight, low, high = density * G * depth, 0.0, 200.0
-    while high - low > 1e-9:
-        speed = 0.5 * (low + high)
-        stress = basal_stress(law, density, G, weight * np.cos(angle), depth, speed)
-        low, high = (speed, high) if stress < weight * np.sin(angle) else (low, speed)
-    return low
-
-
 @pytest.mark.parametrize(
     "law, density, degrees, depth, speed",
     [
@@ -148,7 +138,11 @@ def steady_speed(law, density, degrees, depth):
 )
 def test_steady_speeds_on_a_plane(law, density, degrees, depth, speed):
     """Of laws of other programs, computed apart from this package by their equations."""
-    assert steady_speed(law, density, degrees, depth) == pytest.approx(speed, abs=6e-4)
+    angle, weight = np.radians(degrees), density * G * depth
+    found = steady_speed(
+        lambda u: basal_stress(law, density, G, weight * np.cos(angle), depth, u), weight * np.sin(angle)
+    )
+    assert found == pytest.approx(speed, abs=6e-4)
 
 
 @settings(max_examples=200, deadline=None)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mpmgis.commands.shell.main import main
-from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
+from mpmgis.laws.contact_friction import sticking_contact
+from mpmgis.laws.friction import FRICTIONLESS, LAWS, friction_law
 from mpmgis.laws.material import COHESIVE_MU_I, DRUCKER_PRAGER, ELASTIC, MU_I, fluid
 from mpmgis.laws.softening import EXPONENTIAL, LINEAR, NONE, Softening
 from mpmgis.scene import TerrainFacts, catalogue, mu_least, resolve, scene_from_tables, scene_text
@@ -97,12 +98,11 @@ REFUSED = {
         "coefficient above 0",
     ),
     "peak of an exponential": ({"softening": {"residual_friction_angle": 20, "peak_strain": 0.1}}, "form = 'linear'"),
-    "mud on the bed": (
-        {"friction": {"law": "Bingham", "yield_stress": 50, "viscosity": 9}},
-        "expected Coulomb, Voellmy, Sticking",
-    ),
     "drag without its number": ({"friction": {"law": "Voellmy", "mu": 0.2}}, "xi"),
-    "a law of one's own": ({"friction": {"law": "my_law.py:Mine", "mu": 0.2}}, "no my_law.py:Mine on the bed"),
+    "a law of one's own": (
+        {"friction": {"law": "my_law.py:Mine", "mu": 0.2}},
+        "the 3D solver takes no law from a Python file",
+    ),
     "unknown law on the bed": ({"friction": {"law": "Coulom", "mu": 0.2}}, "did you mean 'Coulomb'"),
     "mu of what sticks": ({"friction": {"law": "Sticking", "mu": 0.2}}, "Sticking has no parameter 'mu'"),
     "zones without friction": ({"friction": None, "zones": [{"source": "z.shp", "mu": 0.3}]}, "need [friction]"),
@@ -150,13 +150,13 @@ def test_invalid_scenes_are_refused_in_one_line(name):
 
 def test_laws_fill_the_slots():
     effects, _ = decided(scene())
-    assert effects.material.kind == DRUCKER_PRAGER and effects.contact == coulomb_contact(0.55)
+    assert effects.material.kind == DRUCKER_PRAGER and effects.contact == friction_law("Coulomb", 0.55)
     assert (effects.softening, effects.zones, effects.barrier) == (Softening(), False, False)
     assert decided(scene(material=GRAINS))[0].material.kind == MU_I
     assert decided(scene(material=ROCK))[0].material.kind == ELASTIC
     assert decided(scene(material={**WATER, "viscosity": 3, "pressure": "tait"}))[0].material == fluid(2.2e9, 3.0, 1.0)
     assert decided(scene(friction={"law": "Sticking"}))[0].contact == sticking_contact()
-    assert decided(scene(friction=None))[0].contact == coulomb_contact(0.0)
+    assert decided(scene(friction=None))[0].contact == FRICTIONLESS
     plain = decided(scene(material={**ICE, "volume_correction": False, "match": "plane_strain", "tension_limit": 10}))
     assert (plain[0].material.volume_correction, plain[0].material.tension_limit) == (0.0, 10.0)
     assert plain[0].material.slope == pytest.approx(3**0.5 * 0.6427876)
@@ -189,14 +189,33 @@ def test_drag_on_the_bed_is_left_out_where_it_is_not_felt():
     """As of columns, with which a scene shares the table: (U / U_t)^2 against its threshold, mu alone elsewhere."""
     voellmy = {"law": "Voellmy", "mu": 0.2, "xi": 1000}
     effects, decisions = decided(scene(friction=voellmy))
-    assert effects.contact == voellmy_contact(0.2, 1000.0)
+    assert effects.contact == friction_law("Voellmy", 0.2, 1000.0)
     drag = decisions["turbulent_drag"]
     assert drag.state == "on" and drag.indicator == pytest.approx(1600 / (1000 * 5 * 0.8 * 0.3 * 0.8944), rel=0.2)
     slow = FACTS._replace(speed=3.0)
     effects, decisions = decided(scene(friction=voellmy), slow)
-    assert effects.contact == coulomb_contact(0.2) and decisions["turbulent_drag"].state == "off"
-    assert decided(scene(friction={**voellmy, "use": "on"}), slow)[0].contact == voellmy_contact(0.2, 1000.0)
+    assert effects.contact == friction_law("Coulomb", 0.2) and decisions["turbulent_drag"].state == "off"
+    assert decided(scene(friction={**voellmy, "use": "on"}), slow)[0].contact == friction_law("Voellmy", 0.2, 1000.0)
     assert decided(scene())[1]["turbulent_drag"].state == "off"
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if law not in ("Coulomb", "Voellmy")])
+def test_every_law_of_friction_is_on_the_bed_in_3d_as_in_2d(law):
+    """The same law, number over the slope and turbulent part as of columns, from one table."""
+    friction = {"law": law, **{name: min(0.5 + k, of.largest) for k, (name, of) in enumerate(LAWS[law][1].items())}}
+    effects, decisions = decided(scene(friction=friction))
+    in_2d = {"solver": "columns", "material": None, "numerics": None}
+    as_columns, other = decided(scene(friction=friction, **in_2d))
+    assert effects.contact == as_columns.friction
+    for name in ("friction", "turbulent_drag"):
+        assert decisions[name] == other[name]
+    assert mu_least(scene(friction=friction, material=ROCK)) == mu_least(scene(friction=friction, **in_2d))
+
+
+def test_size_of_an_avalanche_in_3d():
+    effects, decisions = decided(scene(friction={"law": "SamosAT", "size": "medium"}))
+    assert effects.contact == friction_law("SamosAT", 0.17)
+    assert decisions["friction"].reason.startswith("SamosAT: size = medium, mu = 0.17")
 
 
 def test_softening_is_on_where_it_takes_something_away():

@@ -5,7 +5,7 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import elastic
 
 FRICTION = 25.0  # [deg] of the bed
@@ -49,7 +49,7 @@ def slab(degrees, time, cell=0.5, above=0.0, weighted=False, speed=0.0, material
     stress = weight_stress((start - [0.0, 0.0, base]) @ normal, slope, friction) if weighted else None
     terrain = terrain_of(lambda x, y: base - np.tan(slope) * x, west + length + 80.0, 4 * cell, cell)
     solver = points_on(
-        terrain, frame, cell, material, coulomb_contact(friction), stress=stress, edges="wall", **numerics
+        terrain, frame, cell, material, friction_law("Coulomb", friction), stress=stress, edges="wall", **numerics
     )
     integrate_to(solver, time)
     now = sorted_points(solver)
@@ -78,7 +78,13 @@ def askew_slab(degrees, time, azimuth, cell=0.5, above=0.3):
     frame.particles.position[:] = start
     stress = weight_stress(local[:, 2], slope, friction, heading)
     solver = points_on(
-        terrain_of(bed, size, size, cell), frame, cell, SOIL, coulomb_contact(friction), stress=stress, edges="wall"
+        terrain_of(bed, size, size, cell),
+        frame,
+        cell,
+        SOIL,
+        friction_law("Coulomb", friction),
+        stress=stress,
+        edges="wall",
     )
     integrate_to(solver, time)
     now = sorted_points(solver)

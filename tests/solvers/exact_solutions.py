@@ -142,3 +142,14 @@ def bead(slope_at, bend_at, start, mu, end, load=True):
         return [u, -c2 * (G + u * u * bend) * slope - friction]
 
     return solve_ivp(rate, (0.0, end), [start, 0.0], rtol=1e-10, atol=1e-12, dense_output=True).sol
+
+
+def steady_speed(stress, drive):
+    """Speed [m s-1] of a uniform flow at which `stress` [Pa], a function of the speed, is the `drive` [Pa]."""
+    return brentq(lambda speed: stress(speed) - drive, 0.0, 500.0, xtol=1e-10)
+
+
+def uniform_speed(stress, drive, mass, start, time):
+    """Speed [m s-1] after a `time` [s] of a uniform flow of `mass` [kg m-2] that begins with speed `start`."""
+    change = solve_ivp(lambda _, speed: (drive - stress(speed[0])) / mass, (0.0, time), [start], rtol=1e-9, atol=1e-9)
+    return change.y[0, -1]

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from test_points_catalogue import cauchy_stress, elastic_of
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import fluid
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.solvers.features.walls import Wall
@@ -50,7 +50,9 @@ def resting_in(bed, length, west, east, surface, material, walls=(), cell=CELL):
     stress = np.zeros((len(frame.particles.id), 6))
     stress[:, :3] = -DENSITY * G * (surface - frame.particles.position[:, 2:])
     terrain = terrain_of(lambda x, y: bed(x), length, 3.0 * cell, cell)
-    return points_on(terrain, frame, cell, material, coulomb_contact(0.0), stress=stress, walls=walls, edges="wall")
+    return points_on(
+        terrain, frame, cell, material, friction_law("Coulomb", 0.0), stress=stress, walls=walls, edges="wall"
+    )
 
 
 def mean_stress(solver, start, end):
@@ -127,7 +129,9 @@ def along_wall(
     ]
     wall = Wall("dam", shapely.Polygon(corners), height=60.0, mu=mu)
     terrain = terrain_of(bed, extent, extent, cell)
-    solver = points_on(terrain, frame, cell, material, coulomb_contact(0.0), stress=stress, walls=(wall,), edges="wall")
+    solver = points_on(
+        terrain, frame, cell, material, friction_law("Coulomb", 0.0), stress=stress, walls=(wall,), edges="wall"
+    )
     integrate_to(solver, time)
     down = np.array([-sin, cos, -fall]) / np.sqrt(1.0 + fall**2)
     bears = solver.mass_start * G * lean / (1.0 + fall**2)
@@ -148,7 +152,7 @@ def pool_before_wall(seconds, place=0.3, material=None, long=16, wide=12, deep=5
     terrain = terrain_of(lambda x, y: 0.0 * x, (long + 8) * cell, wide * cell, cell)
     water = material or fluid(DENSITY * G * deep * cell * 100.0, 0.0, 0.0)
     walls = (standing_wall(face, 6.0 * cell),)
-    solver = points_on(terrain, frame, cell, water, coulomb_contact(0.0), walls=walls, edges="wall")
+    solver = points_on(terrain, frame, cell, water, friction_law("Coulomb", 0.0), walls=walls, edges="wall")
     force = load_between(solver, 0.8 * seconds, seconds)
     mass, width = frame.particles.mass.sum(), wide * cell
     level = mass / (DENSITY * face * width)

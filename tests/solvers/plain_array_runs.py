@@ -11,7 +11,6 @@ import numpy as np
 
 from mpmgis.frames.frame_files import read_frame, write_frame
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
 from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
@@ -70,7 +69,7 @@ def points(transform):
     n = len(place)
     volume = np.full(n, 0.125)
     particles = Particles(place, np.zeros((n, 3)), DENSITY * volume, volume, id=np.arange(n, dtype=np.uint64))
-    effects = PointEffects(drucker_prager(2e5, 1.2e5, 35.0, 0.0), contact=coulomb_contact(0.6))
+    effects = PointEffects(drucker_prager(2e5, 1.2e5, 35.0, 0.0), contact=friction_law("Coulomb", 0.6))
     solver = PointSolver(Frame(particles, dimension=3), slope(40.0, 20.0, 2.0, transform), effects, PointNumerics(1.0))
     return TimeIntegration(solver, 1.0, 0.5)
 

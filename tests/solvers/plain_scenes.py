@@ -14,11 +14,11 @@ sys.path.insert(0, str(Path(__file__).parent / "gpu"))
 from column_slots import SCENES, drawn
 from point_scenes import block_of, plane, points_on
 
-from mpmgis.laws.contact_friction import coulomb_contact, voellmy_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager, fluid
 from mpmgis.solvers.features.walls import Wall
 
-SAND, COULOMB = drucker_prager(6.7e6, 4e6, 35.0, 500.0), coulomb_contact(0.3)
+SAND, COULOMB = drucker_prager(6.7e6, 4e6, 35.0, 500.0), friction_law("Coulomb", 0.3)
 WALL = Wall("dam", shapely.box(14.2, -50.0, 18.2, 80.0), height=20.0, mu=0.3)
 
 
@@ -34,7 +34,8 @@ def points(material=SAND, contact=COULOMB, degrees=20.0, **more):
 MADE = {  # name -> (what makes a solver, steps)
     "points": (points, 3),
     "points at a wall": (partial(points, walls=(WALL,)), 3),
-    "layers of a fluid": (partial(points, fluid(1e6, 1.0, 0.0), voellmy_contact(0.1, 400.0)), 3),
+    "layers of a fluid": (partial(points, fluid(1e6, 1.0, 0.0), friction_law("Voellmy", 0.1, 400.0)), 3),
+    "layers of mud": (partial(points, fluid(1e6, 0.0, 0.0), friction_law("OBrien", 300.0, 20.0, 500.0, 0.05)), 3),
     "points in single precision": (partial(points, precision="float32"), 3),
     "columns": SCENES["slide"],
     "columns with all effects": (drawn(0), 3),

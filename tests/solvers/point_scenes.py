@@ -4,8 +4,8 @@ import numpy as np
 from column_scenes import terrain_of
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
+from mpmgis.laws.friction import friction_law
 from mpmgis.solvers.points import point_loop as kernel
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
@@ -28,7 +28,7 @@ def block_of(lengths, spacing, corner=(0.0, 0.0, 0.0), density=1000.0, velocity=
 def points_on(terrain, frame, cell_size, material, contact=None, softening=None, stress=None, walls=(), **numerics):
     """A PointSolver with the named laws; density is that of the frame."""
     density = float(frame.particles.mass[0] / frame.particles.volume[0])
-    effects = PointEffects(material, contact=contact or coulomb_contact(0.0))
+    effects = PointEffects(material, contact=contact or friction_law("Coulomb", 0.0))
     if softening is not None:
         effects = effects._replace(softening=softening)
     if walls:

@@ -8,7 +8,6 @@ from affine import Affine
 
 from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.initial_stress import kirchhoff_stress
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import ColumnEffects, PointEffects
 from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
@@ -73,7 +72,7 @@ class Scene(NamedTuple):
     def point_solver(self):
         """Sand whose pressure waves run at 30 sqrt(g cell)."""
         frame, bulk = self.points(), 900.0 * DENSITY * 9.81 * self.cell
-        effects = PointEffects(drucker_prager(bulk, 0.6 * bulk, 35.0, 0.0), contact=coulomb_contact(0.3))
+        effects = PointEffects(drucker_prager(bulk, 0.6 * bulk, 35.0, 0.0), contact=friction_law("Coulomb", 0.3))
         stress = kirchhoff_stress(frame.state["vertical_stress"], bulk, 0.6 * bulk)
         return PointSolver(frame, self.terrain(), effects, PointNumerics(self.cell, density=DENSITY), stress)
 

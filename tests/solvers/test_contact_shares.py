@@ -11,7 +11,7 @@ from point_scenes import points_on
 from scipy.integrate import quad
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import fluid
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.solvers.points.contact_shares import (
@@ -275,7 +275,7 @@ def resting_on(degrees, azimuth, above, material=SOIL, friction=0.0, length=14.0
     ids = np.arange(len(volume), dtype=np.uint64)
     frame = Frame(Particles(position, np.zeros_like(position), DENSITY * volume, volume, id=ids), dimension=3)
     terrain = terrain_of(bed, length, length, 1.0)
-    solver = points_on(terrain, frame, 1.0, material, coulomb_contact(friction), stress=stress, edges="wall")
+    solver = points_on(terrain, frame, 1.0, material, friction_law("Coulomb", friction), stress=stress, edges="wall")
     swing = 4.0 * deep / wave_speed(material, DENSITY)
     found, place = mean_stress(solver, 6.0 * swing, 8.0 * swing)
     exact = -DENSITY * G * (surface - place[:, 2])

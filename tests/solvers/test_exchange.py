@@ -6,7 +6,6 @@ from column_scenes import columns_of, joined, solver_on, terrain_of
 from point_scenes import block_of, integrate_to
 
 from mpmgis.frames.particles import Frame
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
@@ -26,7 +25,7 @@ def block(corner, velocity=(0.0, 0.0, 0.0)):
 
 
 def solver_of(frame, stress=None, affine=None):
-    effects = PointEffects(SAND, contact=coulomb_contact(0.6))
+    effects = PointEffects(SAND, contact=friction_law("Coulomb", 0.6))
     return PointSolver(frame, FLAT, effects, PointNumerics(1.0), stress, affine=affine)
 
 

@@ -6,7 +6,7 @@ from column_scenes import terrain_of
 from exact_solutions import G
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import elastic
 from mpmgis.solvers.points import ground_folds
 from mpmgis.solvers.points.ground_folds import departure, folded_ground
@@ -28,7 +28,7 @@ def cliff(length=30.0, width=6.0, edge=EDGE, drop=DROP):
 def ground_of(terrain):
     """The Ground of a solver on `terrain`, and the heights at its nodes."""
     frame = block_of((1.0, 1.0, 1.0), DX / 2, (20.0, 2.0, 30.0))
-    return points_on(terrain, frame, DX, ICE, coulomb_contact(0.5))._known_ground
+    return points_on(terrain, frame, DX, ICE, friction_law("Coulomb", 0.5))._known_ground
 
 
 def entries(ground):
@@ -112,7 +112,7 @@ def falling(gap, mu=0.5, time=0.8):
     """A block that falls beside the cliff, its side `gap` [cells] before the foot; (solver, its start)."""
     foot = NODES[np.flatnonzero(PROFILE == 0.0)[0]]
     frame = block_of((2.0, 2.0, 2.0), DX / 2, (foot + gap * DX, 2.0, 6.0))
-    solver = points_on(cliff(), frame, DX, ICE, coulomb_contact(mu))
+    solver = points_on(cliff(), frame, DX, ICE, friction_law("Coulomb", mu))
     start = sorted_points(solver).position
     integrate_to(solver, time)
     return solver, start
@@ -133,7 +133,7 @@ def test_a_block_that_runs_into_a_cliff_is_stopped_by_its_face():
     """8 m/s against the foot of 10 m: it comes back or stops, the face takes its momentum, and it is not thrown up."""
     terrain = cliff()
     frame = block_of((3.0, 2.0, 2.0), DX / 2, (16.0, 2.0, 0.0), velocity=(-8.0, 0.0, 0.0))
-    solver = points_on(terrain, frame, DX, ICE, coulomb_contact(0.0))
+    solver = points_on(terrain, frame, DX, ICE, friction_law("Coulomb", 0.0))
     integrate_to(solver, 1.2)
     now, balances = sorted_points(solver), solver.balances()
     assert now.position[:, 0].min() > EDGE - DX  # outside the face

@@ -6,7 +6,7 @@ from contact_scenes import FRICTION, SOIL, G, askew_slab, axes_of, slab
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 from test_points_catalogue import level
 
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager, elastic
 from mpmgis.solvers.points.ground_contact import MOST_YIELD
 from mpmgis.system.errors import FormatError
@@ -147,7 +147,7 @@ def test_what_falls_comes_to_rest_on_the_ground(layers, above):
     """Sand that falls by two cells: the gap under its lowest points is 0 to 0.3 cells, for any height of the ground."""
     frame = block_of((3.0, 3.0, 0.5 * layers), 0.5, (0.0, 0.0, above + 2.0))
     sand = drucker_prager(1e7, 6e6, 30.0, 0.0, "plane_strain")
-    solver = points_on(level(3.0, 3.0, 1.0, above), frame, 1.0, sand, coulomb_contact(0.5), edges="wall")
+    solver = points_on(level(3.0, 3.0, 1.0, above), frame, 1.0, sand, friction_law("Coulomb", 0.5), edges="wall")
     integrate_to(solver, 4.0)
     gap = sorted_points(solver).position[:, 2].min() - above - 0.25
     assert -0.02 <= gap <= 0.3

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from point_ledger import PlainRun
 from point_scenes import block_of, plane, points_on, sorted_points
 
-from mpmgis.laws.contact_friction import coulomb_contact, voellmy_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import ELASTIC, cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
 
 # [s-1] share of the energy put in that no taker explains, over the step: of an elastic body, and of others
@@ -37,7 +37,7 @@ def both(material, degrees, mu, speed, lift, step, time=0.4, contact=None):
     velocity = (speed * np.cos(slope), 0.3 * speed, -speed * np.sin(slope))
     frame = block_of((2.0, 1.0, 1.0), 0.5, corner, velocity=velocity, turned=slope)
     terrain = plane(degrees, length=12.0, width=12.0, height=30.0, pixel=4.0)
-    contact = contact or coulomb_contact(mu)
+    contact = contact or friction_law("Coulomb", mu)
     solver = points_on(terrain, frame, 1.0, MATERIALS[material], contact, time_step=step)
     steps = round(time / step)
     solver.advance(steps * step)
@@ -111,7 +111,7 @@ def test_the_residual_falls_with_the_time_step():
 )
 def test_drag_and_layers_take_what_the_plain_loop_measures(material):
     """Bed and layers together, in a plain loop that solves each column as a dense system; layers never gain energy."""
-    solver, plain = both(material, 30.0, 0.2, 8.0, 0.0, 1e-3, 0.2, voellmy_contact(0.2, 100.0))
+    solver, plain = both(material, 30.0, 0.2, 8.0, 0.0, 1e-3, 0.2, friction_law("Voellmy", 0.2, 100.0))
     b, scale = solver.balances(), solver.balances()["energy_start"]
     position = sorted_points(solver).position
     np.testing.assert_allclose(position, plain.place + solver._corner_from((0.0, 0.0, 0.0)), rtol=0, atol=1e-10)

@@ -13,7 +13,7 @@ from point_scenes import block_of, plane, points_on
 from mpmgis.compiled import jit
 from mpmgis.frames import peaks as peak_names
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager, elastic, fluid
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.laws.softening import Softening
@@ -73,7 +73,7 @@ def test_peaks_equal_those_of_the_plain_loop_in_every_step(wide):
     frame.particles.velocity[:] += np.random.default_rng(3).normal(size=frame.particles.velocity.shape)
     dx, dt, steps, least = 1.0, 4e-3, 12, 0.2
     solver = points_on(
-        terrain, frame, dx, ELASTIC, coulomb_contact(0.3), time_step=dt, maxima=True, arrival_thickness=least
+        terrain, frame, dx, ELASTIC, friction_law("Coulomb", 0.3), time_step=dt, maxima=True, arrival_thickness=least
     )
     place = frame.particles.position - solver._corner_from((0.0, 0.0, 0.0))
     n = len(place)
@@ -185,7 +185,7 @@ def test_a_sliding_block_leaves_its_known_peaks():
     west = 30.0
     corner = (west, 8.0, 130.0 - west * np.tan(angle))
     frame = block_of((length, 8.0, thick), 0.5, corner, turned=angle)
-    solver = points_on(terrain, frame, 1.0, elastic(6.7e6, 4e6), coulomb_contact(mu), maxima=True)
+    solver = points_on(terrain, frame, 1.0, elastic(6.7e6, 4e6), friction_law("Coulomb", mu), maxima=True)
     solver.advance(6.0)
     found = on_nodes(solver)[12]  # along the middle
     acceleration = GRAVITY * (np.sin(angle) - mu * np.cos(angle))
@@ -233,7 +233,7 @@ def test_a_basin_with_walls_is_as_deep_at_them_as_amid_it():
 def test_nothing_of_the_flow_changes_and_threads_change_nothing(precision):
     frame = block_of((4, 4, 4), 0.5, (10, 8, 0))
     made = [
-        points_on(FLAT, frame, 1.0, SAND, coulomb_contact(0.6), precision=precision, maxima=maxima)
+        points_on(FLAT, frame, 1.0, SAND, friction_law("Coulomb", 0.6), precision=precision, maxima=maxima)
         for maxima in (False, True, True)
     ]
     threads = jit.set_threads(None)
@@ -252,7 +252,7 @@ def test_nothing_of_the_flow_changes_and_threads_change_nothing(precision):
 def test_a_restart_has_the_peaks_of_the_whole_run_and_going_back_forgets_them():
     def heap():
         frame = block_of((4, 4, 4), 0.5, (10, 8, 0), velocity=(5.0, 0.0, 0.0))
-        return points_on(FLAT, frame, 1.0, SAND, coulomb_contact(0.3), maxima=True)
+        return points_on(FLAT, frame, 1.0, SAND, friction_law("Coulomb", 0.3), maxima=True)
 
     whole = list(TimeIntegration(heap(), 1.5, 0.25))
     again = heap()
@@ -270,7 +270,7 @@ def test_a_restart_has_the_peaks_of_the_whole_run_and_going_back_forgets_them():
 
 def test_what_leaves_over_an_edge_leaves_its_peaks():
     frame = block_of((4, 4, 2), 0.5, (18, 8, 0), velocity=(20.0, 0.0, 0.0))
-    solver = points_on(FLAT, frame, 1.0, SAND, coulomb_contact(0.0), maxima=True)
+    solver = points_on(FLAT, frame, 1.0, SAND, friction_law("Coulomb", 0.0), maxima=True)
     solver.advance(1.0)
     found = on_nodes(solver)
     assert solver.particles == 0

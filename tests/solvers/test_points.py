@@ -6,7 +6,7 @@ from column_scenes import terrain_of
 from point_scenes import along, block_of, integrate_to, plane, points_on, sorted_points
 
 from mpmgis.frames.frame_files import read_frame, write_frame
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import elastic
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.solvers.points import point_loop as kernel
@@ -52,7 +52,7 @@ def test_mass_and_momentum_close_to_round_off():
         block_of((10, 6, 4), 0.5, (20, 15, 120 - 20 * 0.57735), turned=np.pi / 6),
         1.0,
         ICE,
-        coulomb_contact(0.3),
+        friction_law("Coulomb", 0.3),
     )
     integrate_to(solver, 1.0)
     balances = solver.balances()
@@ -100,7 +100,7 @@ def sliding(mu, cell=1.0, high=5, **numerics):
     """V3's block of `high` cells on 30 degrees."""
     corner = (20.0, 15.0, 120.0 - 20.0 * np.tan(np.radians(30)))
     frame = block_of((10 * cell, 6 * cell, high * cell), 0.5 * cell, corner, density=850.0, turned=np.radians(30))
-    return points_on(plane(30), frame, cell, ICE, coulomb_contact(mu), **numerics)
+    return points_on(plane(30), frame, cell, ICE, friction_law("Coulomb", mu), **numerics)
 
 
 CELLS = [(1.0, 5), pytest.param(0.5, 10, marks=pytest.mark.slow)]  # (cell [m], cells in the block's height)
@@ -126,7 +126,7 @@ def test_v3_a_block_on_the_flat_stops_after_its_braking_distance(cell, high):
     start = frame.particles.position
     stress = np.zeros((len(start), 6))
     stress[:, 2] = -850.0 * 9.81 * (high * cell - start[:, 2])
-    solver = points_on(FLAT, frame, cell, ICE, coulomb_contact(mu), stress=stress)
+    solver = points_on(FLAT, frame, cell, ICE, friction_law("Coulomb", mu), stress=stress)
     integrate_to(solver, 3.0)
     now = sorted_points(solver)
     way, exact = (now.position - start)[:, 0].mean(), speed**2 / (2.0 * mu * 9.81)
@@ -164,7 +164,11 @@ def test_it_goes_with_the_map():
     terrain = terrain_of(lambda x, y: 120.0 - slope * (x - east), 200.0, 40.0, 5.0, west=east, south=north)
     frame = near.frame()
     far = points_on(
-        terrain, type(frame)(frame.particles, dimension=3, origin=(east, north, 0.0)), 1.0, ICE, coulomb_contact(0.3)
+        terrain,
+        type(frame)(frame.particles, dimension=3, origin=(east, north, 0.0)),
+        1.0,
+        ICE,
+        friction_law("Coulomb", 0.3),
     )
     for solver in (near, far):
         integrate_to(solver, 1.0)

@@ -12,9 +12,9 @@ from exact_solutions import G
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
 from mpmgis.laws.fluid_material import fluid_pressure
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import FLUID, drucker_prager, elastic, fluid
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.solvers.points import point_rows as row
@@ -409,7 +409,7 @@ def collapsed(aspect, cell, friction_angle=30.0, weighted=False):
     stress = np.zeros((len(frame.particles), 6)) if weighted else None
     if weighted:
         stress[:, 2] = -1500.0 * G * (aspect - frame.particles.position[:, 2])
-    solver = points_on(ground, frame, cell, sand, coulomb_contact(5.0), stress=stress, edges="wall")
+    solver = points_on(ground, frame, cell, sand, friction_law("Coulomb", 5.0), stress=stress, edges="wall")
     integrate_to(solver, *(np.arange(1, 6) * np.sqrt(aspect / G)))
     return solver
 
@@ -461,7 +461,7 @@ def round_runout(aspect, cell):
     within = np.flatnonzero(np.hypot(*square.particles.position[:, :2].T) <= 1.0)
     side = np.ceil((2.5 + 2.2 * np.sqrt(aspect) * min(aspect, 1.0)) / cell) * cell
     frame = Frame(square.particles.take(within), dimension=3)
-    solver = points_on(level(side, side, cell), frame, cell, sand, coulomb_contact(5.0), edges="wall")
+    solver = points_on(level(side, side, cell), frame, cell, sand, friction_law("Coulomb", 5.0), edges="wall")
     integrate_to(solver, *(np.arange(1, 6) * np.sqrt(aspect / G)))
     return np.hypot(*sorted_points(solver).position[:, :2].T).max() - 1.0
 
@@ -490,7 +490,7 @@ def settlement(height_over_critical, cells=16, friction_angle=30.0):
     stress[:, 2] = -density * G * (height - start[:, 2])
     stress[:, 1] = 0.3 * stress[:, 2]
     ground = level(3.5 * height, 3 * cell, cell)
-    solver = points_on(ground, frame, cell, soil, coulomb_contact(5.0), stress=stress, edges="wall")
+    solver = points_on(ground, frame, cell, soil, friction_law("Coulomb", 5.0), stress=stress, edges="wall")
     integrate_to(solver, *(np.arange(1, 6) * 2.0 * np.sqrt(height / G)))
     crest = (start[:, 0] > 1.5 * height - 2 * cell) & (start[:, 2] > height - 2 * cell)
     return (start[crest, 2] - sorted_points(solver).position[crest, 2]).mean() / height

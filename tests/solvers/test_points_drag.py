@@ -5,8 +5,8 @@ import pytest
 from exact_solutions import G, steady_voellmy_speed
 from point_scenes import along, block_of, integrate_to, plane, points_on
 
-from mpmgis.laws.contact_friction import coulomb_contact, voellmy_contact
 from mpmgis.laws.effect_slots import PointEffects
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import elastic
 from mpmgis.solvers.columns.node_grid import ColumnGrid
 from mpmgis.solvers.points.point_numerics import PointNumerics
@@ -17,7 +17,7 @@ STIFF = elastic(2e6, 1e6)
 DRIVE = G * (np.sin(SLOPE) - MU * np.cos(SLOPE))  # [m s-2]
 
 
-def slab(cell, start, deep=2.0, long=30.0, wide=30.0, contact=voellmy_contact(MU, XI), **numerics):  # noqa: B008
+def slab(cell, start, deep=2.0, long=30.0, wide=30.0, contact=friction_law("Voellmy", MU, XI), **numerics):  # noqa: B008
     """(solver, steady speed [m s-1]) of a slab on a plane that slides at `start` times its steady speed."""
     steady = steady_voellmy_speed(SLOPE, deep, MU, XI)
     terrain = plane(20.0, length=90.0, width=wide + 10.0, height=40.0, pixel=2.5)
@@ -61,7 +61,7 @@ def test_v19_a_slab_comes_to_its_steady_speed_in_3d():
 def test_without_drag_voellmys_law_is_coulombs():
     """xi = 1e15 m s-2: the bed takes as much as CoulombContact; only the oscillation of the slab's layers differs."""
     answers = []
-    for contact in (voellmy_contact(MU, 1e15), coulomb_contact(MU)):
+    for contact in (friction_law("Voellmy", MU, 1e15), friction_law("Coulomb", MU)):
         solver, _ = slab(1.0, 0.7, long=6.0, wide=4.0, contact=contact)
         integrate_to(solver, 0.5)
         answers.append(along(solver, SLOPE))
@@ -77,7 +77,7 @@ def test_drag_in_zones():
     grid = ColumnGrid.on(terrain, 1.0)
     values = np.full((*grid.bed.shape, 2), (MU, XI))
     values[:, grid.node_axes()[0] > 45.0, 1] = 0.25 * XI
-    effects = PointEffects(STIFF, contact=voellmy_contact(MU, XI), zones=True)
+    effects = PointEffects(STIFF, contact=friction_law("Voellmy", MU, XI), zones=True)
     solver = PointSolver(frame, terrain, effects, PointNumerics(1.0, density=1000.0), zone_values=values)
     integrate_to(solver, 1.0)
     assert along(solver, SLOPE) == pytest.approx(steady, rel=0.02)

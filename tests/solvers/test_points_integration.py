@@ -10,8 +10,8 @@ from point_scenes import block_of, plane, points_on
 from mpmgis.conversion.initial_points import as_columns
 from mpmgis.conversion.initial_stress import kirchhoff_stress
 from mpmgis.frames.frame_files import read_frame, write_frame
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
 from mpmgis.simulation.time_integration import TimeIntegration
 from mpmgis.solvers.points import point_loop as kernel
@@ -28,7 +28,7 @@ FLAT = terrain_of(lambda x, y: 0.0 * x, 60.0, 60.0, 5.0)
 
 def heap(terrain=FLAT, corner=(28, 28, 0), stress=None, affine=None, **numerics):
     """A cube of sand of 4 m."""
-    frame, effects = block_of((4, 4, 4), 0.5, corner), PointEffects(SAND, contact=coulomb_contact(0.6))
+    frame, effects = block_of((4, 4, 4), 0.5, corner), PointEffects(SAND, contact=friction_law("Coulomb", 0.6))
     return PointSolver(frame, terrain, effects, PointNumerics(1.0, **numerics), stress, affine=affine)
 
 
@@ -129,7 +129,7 @@ def test_what_is_laid_back_onto_the_ground_is_in_the_balance_of_momentum():
     """
     valley = terrain_of(lambda x, y: 0.5 * np.abs(x - 30.0), 60.0, 60.0, 1.0)
     frame = block_of((4, 4, 4), 0.5, (29, 28, 3), velocity=(-8.0, 0.0, 0.0))
-    solver = PointSolver(frame, valley, PointEffects(SAND, contact=coulomb_contact(0.0)), PointNumerics(1.0))
+    solver = PointSolver(frame, valley, PointEffects(SAND, contact=friction_law("Coulomb", 0.0)), PointNumerics(1.0))
     low = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0)) - (0.0, 0.0, 6.0)
     set_places(solver.arrays.rows[: len(low)], solver.arrays.keys[: len(low)], low, 1.0, solver._lowest)
     assert solver.advance(0.05) == kernel.LEAKED
@@ -153,7 +153,7 @@ def test_weight_keeps_layers_from_falling_onto_their_elasticity():
     depth = 4.0 - frame.particles.position[:, 2]
     fastest = []
     for stress in (None, kirchhoff_stress(-1000 * 9.81 * depth, 2e5, 1.2e5)):
-        solver = points_on(terrain, frame, 1.0, SAND, coulomb_contact(0.6), stress=stress, edges="wall")
+        solver = points_on(terrain, frame, 1.0, SAND, friction_law("Coulomb", 0.6), stress=stress, edges="wall")
         solver.advance(0.5)
         fastest.append(solver.balances()["speed_max"])
     assert fastest[1] < 0.25 * fastest[0]
@@ -167,7 +167,7 @@ def test_points_start_with_the_velocity_gradient_of_their_columns(given, least, 
     middle = frame.particles.position - (30.0, 30.0, 22.0)
     frame.particles.velocity[:] = middle @ gradient.T
     affine = np.tile(gradient, (len(middle), 1, 1)) if given else None
-    effects = PointEffects(SAND, contact=coulomb_contact(0.6))
+    effects = PointEffects(SAND, contact=friction_law("Coulomb", 0.6))
     solver = PointSolver(frame, FLAT, effects, PointNumerics(1.0, gravity=0.0, time_step=1e-3), affine=affine)
     solver.advance(10.0, max_steps=1)
     now = solver.frame().particles

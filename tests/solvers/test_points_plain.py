@@ -5,7 +5,7 @@ import pytest
 from plain_points import plain_step, yields_of
 from point_scenes import block_of, plane, points_on, sorted_points
 
-from mpmgis.laws.contact_friction import coulomb_contact, voellmy_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import FLUID, drucker_prager, elastic, fluid
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.laws.softening import Softening
@@ -55,10 +55,10 @@ def plain(solver, frame, material, mu, xi=0.0):
 @pytest.mark.parametrize(
     ("material", "contact"),
     [
-        (MATERIALS["elastic"], coulomb_contact(0.3)),
-        (MATERIALS["frictional"], coulomb_contact(0.3)),
-        pytest.param(MATERIALS["elastic"], voellmy_contact(0.3, 40.0), marks=pytest.mark.thorough),
-        pytest.param(MATERIALS["fluid"], voellmy_contact(0.3, 400.0), marks=pytest.mark.thorough),
+        (MATERIALS["elastic"], friction_law("Coulomb", 0.3)),
+        (MATERIALS["frictional"], friction_law("Coulomb", 0.3)),
+        pytest.param(MATERIALS["elastic"], friction_law("Voellmy", 0.3, 40.0), marks=pytest.mark.thorough),
+        pytest.param(MATERIALS["fluid"], friction_law("Voellmy", 0.3, 400.0), marks=pytest.mark.thorough),
     ],
     ids=["elastic", "frictional", "drag", "fluid"],
 )
@@ -71,7 +71,7 @@ def test_steps_equal_the_plain_loop(material, contact):
     frame.particles.velocity[:] += rng.normal(size=frame.particles.velocity.shape)
     terrain = plane(30, length=40.0, width=12.0, height=60.0, pixel=4.0)
     solver = points_on(terrain, frame, DX, material, contact, time_step=DT)
-    place, velocity = plain(solver, frame, material, contact.mu, contact.xi)
+    place, velocity = plain(solver, frame, material, contact.a, contact.b)
     solver.advance(STEPS * DT)
     now = sorted_points(solver)
     assert solver.step == STEPS

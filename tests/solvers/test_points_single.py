@@ -9,8 +9,8 @@ from column_scenes import terrain_of
 from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, plane, points_on, sorted_points
 
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import in_precision
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.laws.softening import Softening
@@ -28,7 +28,7 @@ def sliding(precision, east=0.0, length=200.0, velocity=(0.0, 0.0, 0.0), **numer
     terrain = terrain_of(lambda x, y: slope * np.maximum(60.0 + east - x, 0.0), length, 40.0, 4.0)
     corner = (20.0 + east, 16.0, 40.0 * slope)
     frame = block_of((6.0, 8.0, 4.0), 0.5, corner, velocity=velocity, turned=np.radians(20))
-    return points_on(terrain, frame, 1.0, SAND, coulomb_contact(MU), precision=precision, **numerics)
+    return points_on(terrain, frame, 1.0, SAND, friction_law("Coulomb", MU), precision=precision, **numerics)
 
 
 @pytest.mark.thorough
@@ -37,7 +37,7 @@ def test_three_steps_equal_the_plain_loop_in_double_precision():
     frame = block_of((2.0, 1.5, 1.5), 0.5, (20.3, 5.2, 60.0 - 20.3 * 0.57735), velocity=(4.0, -1.0, -2.0))
     frame.particles.velocity[:] += np.random.default_rng(3).normal(size=frame.particles.velocity.shape)
     terrain = plane(30, length=40.0, width=12.0, height=60.0, pixel=4.0)
-    solver = points_on(terrain, frame, 1.0, SAND, coulomb_contact(MU), time_step=2e-3, precision="float32")
+    solver = points_on(terrain, frame, 1.0, SAND, friction_law("Coulomb", MU), time_step=2e-3, precision="float32")
     place, velocity = frame.particles.position - solver._corner_from((0.0, 0.0, 0.0)), frame.particles.velocity.copy()
     n = len(place)
     ground = solver._ground[..., :3]

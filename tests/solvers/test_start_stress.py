@@ -9,7 +9,7 @@ from point_scenes import points_on
 
 from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.initial_stress import USED, kirchhoff_stress, lateral_ratio, stress_of_weight, surface_slopes
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager, fluid, mu_i
 from mpmgis.laws.quantities import GRAVITY
 
@@ -91,7 +91,7 @@ def test_a_fluid_has_the_same_pressure_in_all_directions_on_any_slope():
     terrain = terrain_of(lambda x, y: 0.5 * x, 20.0, 20.0, 1.0)
     made = points_from(columns_of(2.0, 5, 15, 5, 15, 0.5), terrain, point_options(1.0, 2)).frame
     weight = made.state["vertical_stress"]
-    stress = stress_of_weight(made, terrain, weight, fluid(2e6, 0.1, 0.0), coulomb_contact(0.4), 1.0, GRAVITY)
+    stress = stress_of_weight(made, terrain, weight, fluid(2e6, 0.1, 0.0), friction_law("Coulomb", 0.4), 1.0, GRAVITY)
     np.testing.assert_allclose(stress, np.column_stack([weight] * 3 + [0.0 * weight] * 3))
 
 
@@ -126,7 +126,7 @@ def test_stress_does_not_depend_on_chunks(monkeypatch):
     terrain = terrain_of(lambda x, y: 0.3 * x + 0.1 * y, 40.0, 40.0, 1.0)
     made = points_from(columns_of(2.0, 5, 35, 5, 35, 0.5), terrain, point_options(1.0, 2)).frame
     sand = drucker_prager(2e6, 1.2e6, 35.0, 0.0)
-    given = made, terrain, made.state["vertical_stress"], sand, coulomb_contact(0.6), 1.0, GRAVITY
+    given = made, terrain, made.state["vertical_stress"], sand, friction_law("Coulomb", 0.6), 1.0, GRAVITY
     whole = stress_of_weight(*given)
     monkeypatch.setattr("mpmgis.conversion.initial_stress.CHUNK", 1000)
     np.testing.assert_array_equal(stress_of_weight(*given), whole)
@@ -139,7 +139,7 @@ def test_a_level_pile_on_a_slope_starts_without_shear_stress():
     made = points_from(columns, terrain, point_options(1.0, 2)).frame
     weight = made.state["vertical_stress"]
     sand = drucker_prager(2e6, 1.2e6, 35.0, 0.0)
-    stress = stress_of_weight(made, terrain, weight, sand, coulomb_contact(0.6), 1.0, GRAVITY)
+    stress = stress_of_weight(made, terrain, weight, sand, friction_law("Coulomb", 0.6), 1.0, GRAVITY)
     assert np.abs(stress[:, 3:]).max() <= 0.02 * np.abs(weight).max()
 
 
@@ -150,7 +150,7 @@ def test_a_ridge_on_level_ground_bears_its_weight(degrees):
     columns = columns_of(lambda x, y: np.maximum(steep * (12.0 - np.abs(x - 20.0)), 0.0), 5, 35, 5, 15, 0.5)
     made = points_from(columns, terrain, point_options(1.0, 2)).frame
     sand, weight = drucker_prager(2e6, 1.2e6, 40.0, 0.0), made.state["vertical_stress"]
-    stress = stress_of_weight(made, terrain, weight, sand, coulomb_contact(0.8), 0.5, GRAVITY)
+    stress = stress_of_weight(made, terrain, weight, sand, friction_law("Coulomb", 0.8), 0.5, GRAVITY)
     away = np.abs(made.map_xy()[0] - 20.0)
     flank = (away > 3.0) & (away < 8.0)
     assert 0.97 <= (stress[flank, 2].sum() / weight[flank].sum()) <= 1.07
@@ -161,7 +161,7 @@ def test_cohesion_bears_stress_too():
     terrain = terrain_of(lambda x, y: 0.0 * x, 20.0, 20.0, 1.0)
     made = points_from(columns_of(4.0, 5, 15, 5, 15, 0.5), terrain, point_options(1.0, 2)).frame
     weight, clay = made.state["vertical_stress"], drucker_prager(2e6, 1.2e6, 0.0, 8e3, tension_limit=1e3)
-    stress = stress_of_weight(made, terrain, weight, clay, coulomb_contact(0.6), 1.0, GRAVITY)
+    stress = stress_of_weight(made, terrain, weight, clay, friction_law("Coulomb", 0.6), 1.0, GRAVITY)
     ratio, confined = stress[:, 0] / weight, (2e6 - 0.8e6) / (2e6 - 0.8e6 + 2.4e6)
     high, low = weight > -1e4, weight < -3e4
     np.testing.assert_allclose(ratio[high], confined)
@@ -181,7 +181,7 @@ def test_a_layer_below_its_friction_angle_rests_from_the_start(degrees, directio
     terrain = terrain_of(lambda x, y: 20.0 - slope * (along[0] * x + along[1] * y), length, width, 0.125)
     columns = columns_of(1.06, 0, length, 0, width, 0.0625, density=1500.0)
     made = points_from(columns, terrain, point_options(0.125, 2)).frame
-    material, contact = mu_i(835706.0, 385712.0, 0.38, 0.64, 0.279, 0.1, 2500.0, 0.0), coulomb_contact(1.0)
+    material, contact = mu_i(835706.0, 385712.0, 0.38, 0.64, 0.279, 0.1, 2500.0, 0.0), friction_law("Coulomb", 1.0)
     weight = made.state.pop("vertical_stress")
     stress = stress_of_weight(made, terrain, weight, material, contact, 0.125, GRAVITY)
     made.state.clear()

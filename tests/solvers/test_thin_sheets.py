@@ -11,8 +11,8 @@ from plain_points import plain_step, yields_of
 from point_scenes import block_of, integrate_to, points_on, sorted_points
 
 from mpmgis.frames.particles import Frame, Particles
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.effect_slots import PointEffects
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager, fluid
 from mpmgis.laws.material_choice import state_at_stress
 from mpmgis.laws.softening import Softening
@@ -270,7 +270,7 @@ def front_of_sand(degrees, slowed, cell, high, stiff, speed, precision, travel=4
     young = DENSITY * stiff * G * cell
     terrain = terrain_of(lambda x, y: 200.0 * cell - fall * x, 140.0 * cell, 3.0 * cell, cell)
     material = drucker_prager(0.6 * young, 0.3 * young, 30.0, 0.0)
-    contact = coulomb_contact(slowed * fall)
+    contact = friction_law("Coulomb", slowed * fall)
     solver = points_on(terrain, sand, cell, material, contact, edges="wall", precision=precision)
     pull = (1.0 - slowed) * G * np.sin(slope) * np.cos(slope)
     solver.advance((np.sqrt(velocity[0] ** 2 + 2.0 * pull * travel * cell) - velocity[0]) / pull)
@@ -288,7 +288,7 @@ def collapse_in_a_strip(along, wide, precision):
     young = 0.8 * DENSITY * 49.0 * G * 8.0
     material = drucker_prager(young / 1.2, young / 2.6, 30.0, 0.0)
     terrain = terrain_of(lambda x, y: 0.0 * x, shape[0], shape[1], 1.0)
-    solver = points_on(terrain, sand, 1.0, material, coulomb_contact(0.6), edges="wall", precision=precision)
+    solver = points_on(terrain, sand, 1.0, material, friction_law("Coulomb", 0.6), edges="wall", precision=precision)
     integrate_to(solver, 5.0 * np.sqrt(8.0 / G))
     return solver
 

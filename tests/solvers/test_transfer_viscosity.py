@@ -6,8 +6,8 @@ from point_scenes import block_of, integrate_to, sorted_points
 from test_points_catalogue import level
 
 from mpmgis.laws.affine_transfer import TURNING_GRADIENT, WHOLE_GRADIENT
-from mpmgis.laws.contact_friction import voellmy_contact
 from mpmgis.laws.effect_slots import PointEffects
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import fluid
 from mpmgis.solvers.points.point_numerics import PointNumerics
 from mpmgis.solvers.points.point_solver import PointSolver
@@ -22,7 +22,7 @@ def viscosity(transfer, step):
     frame.particles.velocity[:, 1] = np.cos(phase)
     affine = np.zeros((len(phase), 3, 3))
     affine[:, 1, 0] = -k * np.sin(phase)
-    effects = PointEffects(fluid(1e5, 0.0, 0.0), contact=voellmy_contact(0.2, 1000.0), transfer=transfer)
+    effects = PointEffects(fluid(1e5, 0.0, 0.0), contact=friction_law("Voellmy", 0.2, 1000.0), transfer=transfer)
     numerics = PointNumerics(CELL, density=1000.0, gravity=0.0, time_step=step)
     solver = PointSolver(frame, level(48.0, 8.0, CELL), effects, numerics, affine=affine)
     integrate_to(solver, TIME)

@@ -12,7 +12,6 @@ from point_scenes import points_on
 
 from mpmgis.conversion.initial_points import point_options, points_from
 from mpmgis.conversion.initial_stress import stress_of_weight
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.curvature import CURVATURE
 from mpmgis.laws.friction import friction_law
 from mpmgis.laws.ground_metric import SLOPE
@@ -59,7 +58,7 @@ def points_of_columns(height, columns, material, cell=1.0, length=40.0, width=20
     terrain = terrain_of(height, length, width, cell)
     columns = along_the_bed(columns, terrain, cell)
     made = points_from(columns, terrain, point_options(cell, 2)).frame
-    contact, weight = coulomb_contact(mu), made.state["vertical_stress"]
+    contact, weight = friction_law("Coulomb", mu), made.state["vertical_stress"]
     stress = stress_of_weight(made, terrain, weight, material, contact, cell, G)
     made.state.clear()
     return points_on(terrain, made, cell, material, contact, softening, stress, **numerics)

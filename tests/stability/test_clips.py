@@ -6,7 +6,6 @@ from column_scenes import columns_of, solver_on, terrain_of
 from point_scenes import block_of, integrate_to, points_on
 from test_guard import SOIL
 
-from mpmgis.laws.contact_friction import coulomb_contact
 from mpmgis.laws.friction import friction_law
 from mpmgis.simulation.run_summary import CLIP_SHARE, CLIPPED, account
 from mpmgis.solvers.columns import column_balances, column_rows
@@ -59,14 +58,16 @@ def test_walls_hold_columns_and_points_and_count_them():
     solver.advance(1.0)
     assert set(solver.balances()["clips"]) == set(column_balances.CLIPS)
     block = block_of((4.0, 4.0, 4.0), 0.5, (30.0, 8.0, 0.0), velocity=(20.0, 0.0, 0.0))
-    walled = points_on(flat(), block, 1.0, SOIL, coulomb_contact(0.3), edges="wall")
+    walled = points_on(flat(), block, 1.0, SOIL, friction_law("Coulomb", 0.3), edges="wall")
     integrate_to(walled, 0.5)
     balances = walled.balances()
     assert balances["particle_steps"] == walled.step * 512 and set(balances["clips"]) == set(point_balances.CLIPS)
 
 
 def test_points_under_the_ground_are_counted_one_by_one():
-    solver = points_on(flat(), block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 0.0)), 1.0, SOIL, coulomb_contact(0.3))
+    solver = points_on(
+        flat(), block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 0.0)), 1.0, SOIL, friction_law("Coulomb", 0.3)
+    )
     solver._settings = solver._settings._replace(leak_stop=1.0)
     place = solver.frame().particles.position - solver._corner_from((0.0, 0.0, 0.0))
     place[0, 2] -= 3.0
@@ -89,7 +90,9 @@ def test_the_account_names_clips_above_their_share_and_no_others():
 
 
 def test_the_account_names_corrections_of_volumes_with_their_energy():
-    solver = points_on(flat(), block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 0.0)), 1.0, SOIL, coulomb_contact(0.3))
+    solver = points_on(
+        flat(), block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 0.0)), 1.0, SOIL, friction_law("Coulomb", 0.3)
+    )
     integrate_to(solver, 0.1)
     balances = solver.balances()
     assert balances["volume_corrections"] == 0 and balances["energy_of_volume_corrections"] == 0.0

@@ -10,7 +10,7 @@ from point_scenes import block_of, points_on
 from slope_site import SCENE, record, run, write_site
 
 from mpmgis.compiled.jit import set_threads
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.simulation import time_integration as marching
@@ -27,7 +27,7 @@ def block(steps=3.5):
     terrain = terrain_of(lambda x, y: 0.0 * x, 40.0, 20.0, 1.0)
     frame = block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 1.0), velocity=(2.0, 0.0, 0.0))
     step = steps / wave_speed(SOIL, 1000.0)
-    return points_on(terrain, frame, 1.0, SOIL, coulomb_contact(0.3), time_step=step)
+    return points_on(terrain, frame, 1.0, SOIL, friction_law("Coulomb", 0.3), time_step=step)
 
 
 def pool():

@@ -16,7 +16,7 @@ from hard_scenes import Watch, in_the_map, points_of_columns, stiff_for
 from point_scenes import block_of, points_on, sorted_points
 from scene_strategies import Box, Ground, PointScene
 
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager, fluid
 from mpmgis.laws.material_choice import wave_speed
 from mpmgis.laws.softening import softening
@@ -56,7 +56,12 @@ def thrown(material, velocity=(0.0, 0.0, 0.0), lengths=(4.0, 4.0, 4.0), corner=(
     """A block with a velocity over level ground of 40 m x 20 m."""
     terrain = terrain_of(level, 40.0, 20.0, 1.0)
     return points_on(
-        terrain, block_of(lengths, 0.5, corner, velocity=velocity), 1.0, material, coulomb_contact(mu), **numerics
+        terrain,
+        block_of(lengths, 0.5, corner, velocity=velocity),
+        1.0,
+        material,
+        friction_law("Coulomb", mu),
+        **numerics,
     )
 
 
@@ -270,7 +275,7 @@ def test_softening_of_nothing_and_at_once(coefficient):
     weakens = softening((40.0, 8e3), (5.0, 0.0), coefficient)
     terrain = terrain_of(level, 40.0, 20.0, 1.0)
     block = block_of((4.0, 4.0, 4.0), 0.5, (18.0, 8.0, 0.0))
-    solver = points_on(terrain, block, 1.0, sand(4.0, 40.0, 8e3), coulomb_contact(0.6), weakens)
+    solver = points_on(terrain, block, 1.0, sand(4.0, 40.0, 8e3), friction_law("Coulomb", 0.6), weakens)
     Watch(solver).march(1.5)
     assert solver.balances()["energy_lost_to_yielding"] > 0.0
     height = in_the_map(solver)[:, 2].max()

@@ -6,7 +6,7 @@ from hard_scenes import STEPPING, Watch, points_on, terrain_of
 from point_scenes import block_of
 from scene_strategies import Box, Ground, PointScene
 
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager, fluid
 from mpmgis.solvers.points.point_numerics import LONE_SHARE, PointNumerics, courant_number
 
@@ -17,7 +17,7 @@ def gained(material, cfl):
     """Largest share of its energy that a point on a gentle slope gains in a second."""
     terrain = terrain_of(lambda x, y: 5.0 - 0.087 * x, 40.0, 20.0, 1.0)
     point = block_of((0.5, 0.5, 0.5), 0.5, (10.3, 10.1, 5.0 - 0.087 * 10.3))
-    solver = points_on(terrain, point, 1.0, material, coulomb_contact(0.0), cfl=cfl)
+    solver = points_on(terrain, point, 1.0, material, friction_law("Coulomb", 0.0), cfl=cfl)
     start, most = sum(solver.energy_start), -np.inf
     for time in np.linspace(0.02, 1.0, 50):
         solver.advance(time)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import ndimage
 
-from ...laws.contact_friction import PARAMETERS
 from ...laws.entrainment import NO_EROSION
 from ...laws.forest import SHARE
 from ...laws.friction import parameters_of
@@ -190,7 +189,7 @@ class KnownByPlace:
         """
         walls = self.walls if effects.barrier else ()
         return Places(
-            zone_values=self._zone_values(PARAMETERS[effects.contact.kind]) if effects.zones else None,
+            zone_values=self._zone_values(parameters_of(effects.contact)) if effects.zones else None,
             barriers=barrier_entries(self.wall_nodes) if walls else None,
             barrier_names=tuple(wall.name for wall in walls),
         )

@@ -16,7 +16,7 @@ import numpy as np
 from numba import cuda
 
 from ...compiled.block_order import LEFT_MASS
-from ...laws.contact_friction import VOELLMY
+from ...laws.contact_friction import has_traction
 from ...laws.effect_slots import PointEffects, in_precision
 from ...laws.material_choice import follows_density
 from ...system.errors import SceneError
@@ -97,7 +97,7 @@ class DevicePoints(DeviceRun):
         contact = in_precision(effects.contact, self._real)
         self._settings, self._effects = settings, effects._replace(contact=contact)
         self._node_settings = in_precision(settings, self._real)
-        self._drags = contact.kind == VOELLMY
+        self._drags = has_traction(contact)
         self._upload(places)
         self._make_reports()
         self._run = np.zeros(RUN_ENTRIES, np.int64)
@@ -170,8 +170,8 @@ class DevicePoints(DeviceRun):
                 run[room] = max(int(run[needed]) * 3 // 2, least)
         if self._drags and self._real is np.float32 and run[ROOM_TOUCHED] > LAST_STEP:
             raise SceneError(
-                f"device = 'cuda' with precision = 'float32' and Voellmy's drag takes at most {LAST_STEP} blocks of "
-                "nodes; take larger cells, or precision = 'float64'"
+                f"device = 'cuda' with precision = 'float32' takes at most {LAST_STEP} blocks of nodes where the law "
+                "of friction is not Coulomb; take larger cells, or precision = 'float64'"
             )
         if run[ROOM_PLACES] != old[ROOM_PLACES]:
             size = int(run[ROOM_PLACES])

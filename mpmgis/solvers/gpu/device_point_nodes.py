@@ -7,7 +7,7 @@ this module has the loops over them. Each thread has a report of its own, that o
 import numpy as np
 from numba import cuda, int32
 
-from ...laws.contact_friction import layer_roughness
+from ...laws.contact_friction import equal_roughness
 from ..points.bed_drag import COLUMN_MASSES, TOUCHING, WHOLE, column_contact
 from ..points.ground_contact import press_column
 from ..points.point_barriers import BARRIER
@@ -267,7 +267,7 @@ def couple_layers(
     settings: Settings,
     laws: ContactLaws,
 ) -> None:
-    """Apply Voellmy's drag and the links between layers.
+    """Apply the traction of a law of friction and the links between layers.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def couple_layers(
     c = cuda.grid(1)
     if c >= layers.shape[0]:
         return
-    rough = layer_roughness(laws.contact, settings.gravity)
+    rough = equal_roughness(laws.contact, laws.zones, settings.gravity)
     for e in range(c, COLUMNS * run[TOUCHED], min(layers.shape[0], cuda.gridsize(1))):
         couple_column(
             e // COLUMNS,

@@ -1,10 +1,10 @@
-"""Drag of the bed on a 3D flow (Voellmy's term): the mass of each node column on which it acts.
+"""Traction of the bed on a 3D flow (`contact_friction`): the mass of each node column on which it acts.
 
-The traction rho g |v|^2 / xi acts on dx^2 / c of bed under each node column, and slows its mean speed (`point_layers`);
-on folds of the ground, the nodes that touch it, whose summed mass is M_c. At a steep margin a column has less bed than
-that: splines spread the mass of a flow a cell and a half beyond it, which would add three columns of drag to a flow of
-any width. A column with less than RIM of the mass of its heaviest neighbour has the corresponding share of the bed:
-a steep margin then adds an eighth of a column, and a flow whose thickness changes by less than a fifth per cell none.
+The traction acts on dx^2 / c of bed under each node column, and slows its mean speed (`point_layers`); on folds of the
+ground, the nodes that touch it. At a steep margin a column has less bed than that: splines spread the mass of a flow a
+cell and a half beyond it, which would add three columns of drag to a flow of any width. A column with less than RIM of
+the mass of its heaviest neighbour has the corresponding share of the bed: a steep margin then adds an eighth of a
+column, and a flow whose thickness changes by less than a fifth per cell none.
 """
 
 import numpy as np
@@ -142,8 +142,8 @@ def clear_contact(touched: np.ndarray, n_touched: int, columns: np.ndarray) -> N
 
 
 @jit_inline
-def bed_per_mass(columns: np.ndarray, j: int, i: int, area: float) -> float:
-    """Return the bed [m2 kg-1] of a node column over its mass that touches the bed.
+def flow_on_bed(columns: np.ndarray, j: int, i: int, area: float) -> tuple[float, float]:
+    """Return the mass that touches the bed of a node column, and the whole mass, over the area of bed [kg m-2].
 
     Parameters
     ----------
@@ -152,8 +152,14 @@ def bed_per_mass(columns: np.ndarray, j: int, i: int, area: float) -> float:
         Node column.
     area : float [m2]
         Bed of a node column that the flow covers completely.
+
+    Returns
+    -------
+    touching, whole : float [kg m-2]
+        Above 0.
     """
-    return bed_under(columns, j, i, area) / max(columns[j, i, TOUCHING], LEAST_MASS)
+    bed = max(bed_under(columns, j, i, area), LEAST_MASS)
+    return max(columns[j, i, TOUCHING] / bed, LEAST_MASS), max(columns[j, i, WHOLE] / bed, LEAST_MASS)
 
 
 @jit_inline

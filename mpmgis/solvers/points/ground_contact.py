@@ -7,7 +7,8 @@ import numpy as np
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
-from ...laws.contact_friction import STICKING, Contact, contact_at, kept_slip
+from ...laws.contact_friction import STICKING, contact_at, kept_slip
+from ...laws.friction import Friction
 from .contact_shares import (
     across_part,
     balanced,
@@ -467,7 +468,7 @@ def weighed_yield(mass: float, heaviest: float, nz: float, settings: Settings) -
 
 @jit_inline
 def friction_impulse(
-    u: float, v: float, w: float, normal: float, give: float, nx: float, ny: float, nz: float, contact: Contact
+    u: float, v: float, w: float, normal: float, give: float, nx: float, ny: float, nz: float, contact: Friction
 ) -> tuple[float, float, float]:
     """Return the impulse of friction (x, y, z) [N s] on a flow at the ground.
 
@@ -484,7 +485,7 @@ def friction_impulse(
         Velocity that a unit impulse gives to the flow.
     nx, ny, nz : float
         Direction of the normal impulse.
-    contact : Contact
+    contact : Friction
     """
     if contact.kind == STICKING:
         return -u / give - normal * nx, -v / give - normal * ny, -w / give - normal * nz
@@ -702,7 +703,7 @@ def press_on_ground(
     report: np.ndarray,
     dt: float,
     settings: Settings,
-    contact: Contact,
+    contact: Friction,
     zones: bool,
     barrier: bool,
 ) -> None:

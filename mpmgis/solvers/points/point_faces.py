@@ -7,7 +7,8 @@ import numpy as np
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS, GONE
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
-from ...laws.contact_friction import STICKING, Contact, contact_at, dry_slip, kept_slip
+from ...laws.contact_friction import STICKING, contact_at, dry_slip, kept_slip
+from ...laws.friction import Friction
 from .contact_shares import contact_shares, foot_of, part_before, pushed_mass, row_shares, share_at, spline_at
 from .ground_contact import (
     LAYER,
@@ -652,7 +653,7 @@ def press_on_faces(
     reports: NodeReports,
     dt: float,
     settings: Settings,
-    contact: Contact,
+    contact: Friction,
     zones: bool,
     barrier: bool,
 ) -> None:

@@ -1,9 +1,9 @@
-"""Layers of a 3D flow with Voellmy's drag: drag on the mean of each node column, and stress between its layers.
+"""Layers of a 3D flow on a bed with traction: traction on the mean of each node column, and stress between its layers.
 
-The law is that of `flow_layers`. On each column of nodes that touches smooth ground the drag of the mean speed U
-acts on the nodes at the bed, and tangential momentum passes between neighbours by Coulomb friction and turbulence. The
-solution is implicit in the speeds, with links from the speeds at the start of the step: stable at any step, exact in
-momentum, without gain of energy.
+The laws are those of `contact_friction` and `flow_layers`. On each column of nodes that touches smooth ground the
+traction of the mean speed U acts on the nodes at the bed, and tangential momentum passes between neighbours by Coulomb
+friction and turbulence, and in fluids by yield stress and viscosity of the law. The solution is implicit in the speeds,
+with links from the speeds at the start of the step: stable at any step, exact in momentum, without gain of energy.
 """
 
 from math import sqrt
@@ -13,8 +13,16 @@ import numpy as np
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
-from ...laws.contact_friction import Contact, contact_at, kept_by_drag, layer_friction, layer_roughness
+from ...laws.contact_friction import (
+    contact_at,
+    drag_roughness,
+    equal_roughness,
+    impulse_friction,
+    kept_by_traction,
+    traction_parts,
+)
 from ...laws.flow_layers import turbulent_link
+from ...laws.friction import Friction
 from .bed_drag import bed_under
 from .contact_shares import foot_of, spline_at
 from .ground_contact import LEAST_SHARE, is_column_of_block
@@ -95,12 +103,13 @@ def _read_speeds(nodes, layers, count, nx, ny, nz):
 
 
 @jit_inline
-def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, creep, dt):
+def _link_layers(layers, count, mass, spacing, bed, density, stresses, roughness, creep, dt):
     """Set the links [kg] between neighbours, stress times bed area and time over slip, from the present speeds.
 
-    The stress of a steady flow decreases from the bed upwards with the mass above; `weight` [N] is mu times the load.
+    `stresses` are mu sigma [Pa] at the bed, which decreases upwards with the mass above as the turbulent stress does,
+    the yield stress [Pa] and the viscosity [Pa s]. `roughness` is 0 without turbulence.
     """
-    above = mass
+    above, (pressed, yields, viscosity) = mass, stresses
     rough = roughness * mass / (density * bed)
     for k in range(count - 1):
         above -= layers[k, LAYER_MASS]
@@ -109,8 +118,9 @@ def _link_layers(layers, count, mass, spacing, bed, density, weight, roughness, 
         slip = sqrt(du * du + dv * dv + dw * dw)
         lower = rough + spacing * max(layers[k, HEIGHT], MIXED)
         upper = rough + spacing * max(layers[k + 1, HEIGHT], MIXED)
-        carried = density * bed * turbulent_link(slip, lower, upper) + weight / max(slip, creep)
-        layers[k, LINK] = dt * max(above, 0.0) / mass * carried
+        turbulent = density * turbulent_link(slip, lower, upper) if roughness > 0.0 else 0.0
+        carried = max(above, 0.0) / mass * (turbulent + pressed / max(slip, creep))
+        layers[k, LINK] = dt * bed * (carried + yields / max(slip, creep) + viscosity / spacing)
     layers[count - 1, LINK] = 0.0
 
 
@@ -153,18 +163,27 @@ def _give(nodes, layers, count, report):
 
 @jit_borrowing
 def _couple(nodes, layers, count, normal, covered, contact, rough, dt, settings, report):
-    """Apply drag and links to one column, whose flow covers the share `covered` of its bed of roughness `rough`."""
+    """Apply traction and links to one column, whose flow covers the share `covered` of its bed.
+
+    `rough` is the roughness of the bed, 0 where it depends on the column.
+    """
     dx, density, gravity, (nx, ny, nz) = settings.dx, settings.density, settings.gravity, normal
     mass, px, py, pz, at_bed = _read_speeds(nodes, layers, count, nx, ny, nz)
     bed = covered * dx * dx / nz
     speed = sqrt(px * px + py * py + pz * pz) / mass
-    lost = 1.0 - kept_by_drag(contact, speed, density * gravity * dt * bed / mass)
+    load, thickness = mass * gravity * nz / bed, mass / (density * bed)
+    parts = traction_parts(contact, density, gravity, load, thickness, speed)
+    lost = 1.0 - kept_by_traction(parts, speed, dt, density, mass / bed) if speed > 0.0 else 0.0
     for k in range(count):
         share = lost * layers[k, AT_BED] * layers[k, LAYER_MASS] / at_bed
         layers[k, PUSH_X], layers[k, PUSH_Y], layers[k, PUSH_Z] = -share * px, -share * py, -share * pz
-    weight = settings.slack * layer_friction(contact) * mass * gravity * nz
+    yields, viscous, drag = parts
+    if drag > 0.0 and rough == 0.0:
+        rough = drag_roughness(drag)
+    strength = settings.slack
+    stresses = strength * impulse_friction(contact) * load, strength * yields, strength * viscous * thickness / 3.0
     creep = CREEP * sqrt(gravity * dx) + 1e-300
-    _link_layers(layers, count, mass, dx * nz, bed, density, weight, rough, creep, dt)
+    _link_layers(layers, count, mass, dx * nz, bed, density, stresses, rough if drag > 0.0 else 0.0, creep, dt)
     _solve(layers, count)
     _give(nodes, layers, count, report)
 
@@ -214,7 +233,7 @@ def couple_column(
     settings : Settings
     laws : ContactLaws
     rough : float [1]
-        `layer_roughness` of the contact where there are no zones; computed once because it takes long.
+        `equal_roughness` of the contact, computed once because it takes long.
     """
     ground, barriers, barrier = site.ground, site.barriers, laws.barrier
     nodes, touched = grid.nodes, grid.touched
@@ -237,8 +256,6 @@ def couple_column(
     if count == 0 or covered <= 0.0 or not _touches(layers, count):
         return
     contact = contact_at(laws.contact, laws.zones, site.zone_values, jj, ii)
-    if laws.zones:
-        rough = layer_roughness(contact, settings.gravity)
     _couple(nodes, layers, count, (nx, ny, nz), covered, contact, rough, dt, settings, report)
 
 
@@ -251,15 +268,15 @@ def couple_layers(
     report: np.ndarray,
     dt: float,
     settings: Settings,
-    contact: Contact,
+    contact: Friction,
     zones: bool,
     barrier: bool,
 ) -> None:
-    """Apply Voellmy's drag, and links between the layers of a flow, to velocities at the nodes of all touched blocks.
+    """Apply the traction of a law of friction, and links between layers, to velocities at the nodes of touched blocks.
 
     Each column is computed in the block of the node nearest to the ground, as in `press_on_ground`, which follows.
     Columns on folds are skipped. In a barrier a column ends at its crest. `settings.slack` is 1 where the links
-    transfer mu p, 0 where the material has a strength of its own.
+    transfer mu p, a yield stress and viscous stress, 0 where the material has a strength of its own.
 
     Parameters
     ----------
@@ -274,7 +291,8 @@ def couple_layers(
     contact, zones, barrier
         As of `ContactLaws`.
     """
-    n_touched, depth, rough = grid.count, window.depth, layer_roughness(contact, settings.gravity)
+    n_touched, depth = grid.count, window.depth
+    rough = equal_roughness(contact, zones, settings.gravity)
     for c in prange(CHUNKS):
         laws, mine = ContactLaws(contact, zones, barrier), report[c]
         layers = np.zeros((depth * BLOCK, LAYER_ENTRIES))

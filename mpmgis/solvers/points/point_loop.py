@@ -12,7 +12,7 @@ import numpy as np
 from ...compiled import law_functions as _laws  # noqa: F401  (registers the methods of laws)
 from ...compiled.block_order import CHUNKS, REORDER_STEPS, STRIP, reorder, split_evenly
 from ...compiled.jit import jit
-from ...laws.contact_friction import VOELLMY
+from ...laws.contact_friction import has_traction
 from ...laws.effect_slots import PointEffects
 from ...laws.material import FLUID
 from .bed_drag import BLOCK_COLUMNS, COLUMN_MASSES, clear_contact, spread_contact, weigh_contact
@@ -183,7 +183,7 @@ def advance(
     histogram, slot, touched_slot, block, start = _sort_arrays(FIRST_PLACES)
     room = FIRST_ACTIVE
     blocks = _block_arrays(rows, room)
-    drags = contact.kind == VOELLMY
+    drags = has_traction(contact)
     opens = barrier and has_openings(barriers)
     nodes, free, block_mass, block_flow = _node_arrays(rows, FIRST_TOUCHED, drags, opens)
     sources, touched = np.zeros((FIRST_TOUCHED, 8), np.int32), np.zeros((FIRST_TOUCHED, 3), np.int32)

@@ -11,8 +11,9 @@ from ...compiled import law_functions as _laws  # noqa: F401  (registers the met
 from ...compiled.block_order import CHUNKS
 from ...compiled.jit import jit_borrowing, jit_inline, jit_parallel, prange
 from ...compiled.simd_lanes import load, multiply_add, store
-from ...laws.contact_friction import STICKING, VOELLMY, Contact, contact_at, kept_by_drag, kept_slip
-from .bed_drag import bed_per_mass
+from ...laws.contact_friction import STICKING, contact_at, has_traction, kept_by_traction, kept_slip, traction_parts
+from ...laws.friction import Friction
+from .bed_drag import flow_on_bed
 from .point_barriers import BARRIER, FILLED, ROWED, SHARE, at_barrier, passing_share
 from .point_ground import GROUND_HEIGHT, Ground, exact_at, fold_at, plane_at
 from .point_records import ColumnSums, ContactLaws, NodeReports, Site
@@ -90,17 +91,23 @@ def gather_nodes(nodes: np.ndarray, tiles: np.ndarray, sources: np.ndarray, n_to
 
 
 @jit_inline
-def _on_ground(u, v, w, nx, ny, nz, contact, drag):
-    """Return the velocity of a node after its contact with the ground, whose unit normal is (nx, ny, nz)."""
+def _on_ground(u, v, w, nx, ny, nz, contact, drags, touching, whole, dt, settings):
+    """Return the velocity of a node after its contact with the ground, whose unit normal is (nx, ny, nz).
+
+    Where the bed `drags`, `touching` and `whole` are the masses over the area of bed [kg m-2].
+    """
     into = u * nx + v * ny + w * nz
     held = into < 0.0 or contact.kind == STICKING
-    if held or contact.kind == VOELLMY:
+    if held or drags:
         u, v, w = u - into * nx, v - into * ny, w - into * nz
         slip = sqrt(u * u + v * v + w * w)
         kept = 0.0
         if slip > 0.0:
             kept = kept_slip(contact, slip, max(-into, 0.0))
-            kept *= kept_by_drag(contact, kept * slip, drag)
+            if drags and kept > 0.0:
+                density, gravity, speed = settings.density, settings.gravity, kept * slip
+                parts = traction_parts(contact, density, gravity, whole * gravity * nz, whole / density, speed)
+                kept *= kept_by_traction(parts, speed, dt, density, touching)
         leaves = 0.0 if held else into
         u, v, w = kept * u + leaves * nx, kept * v + leaves * ny, kept * w + leaves * nz
     return u, v, w
@@ -426,9 +433,10 @@ def hold_column(
     beyond = levels == 0 and (float(k_first - GHOSTS) * dx - height) * nz > touching  # even the lowest node
     if beyond and (not barrier or barriers[jj, ii, BARRIER] <= 0.0):
         return
-    contact, drag = contact_at(laws.contact, laws.zones, site.zone_values, jj, ii), 0.0
-    if contact.kind == VOELLMY and levels > 0:
-        drag = density * gravity * dt * bed_per_mass(sums.mass, jj, ii, dx * dx / nz)
+    contact, touching_mass, whole_mass = contact_at(laws.contact, laws.zones, site.zone_values, jj, ii), 0.0, 0.0
+    drags = levels > 0 and has_traction(contact)
+    if drags:
+        touching_mass, whole_mass = flow_on_bed(sums.mass, jj, ii, dx * dx / nz)
     passing = 1.0
     if barrier and barriers[jj, ii, SHARE] > 0.0:
         passing = passing_share(sums.flow, ground, barriers, jj, ii, density * dx * dx, gravity)
@@ -443,7 +451,7 @@ def hold_column(
         else:
             away = (float(k_first + k - GHOSTS) * dx - height) * nz
         if away <= touching:
-            u1, v1, w1 = _on_ground(u, v, w, nx, ny, nz, contact, drag)
+            u1, v1, w1 = _on_ground(u, v, w, nx, ny, nz, contact, drags, touching_mass, whole_mass, dt, settings)
             jx, jy, jz = mass * (u1 - u), mass * (v1 - v), mass * (w1 - w)
             mine[GROUND_X] += jx
             mine[GROUND_Y] += jy
@@ -474,7 +482,7 @@ def hold_nodes(
     reports: NodeReports,
     dt: float,
     settings: Settings,
-    contact: Contact,
+    contact: Friction,
     zones: bool,
     barrier: bool,
 ) -> None:

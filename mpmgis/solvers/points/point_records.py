@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...laws.contact_friction import Contact
+from ...laws.friction import Friction
 from .point_ground import Ground
 
 
@@ -26,7 +26,7 @@ class PointPlaces(NamedTuple):
 class ContactLaws(NamedTuple):
     """Laws of what the flow touches, slots of `PointEffects`."""
 
-    contact: Contact  # with the ground
+    contact: Friction  # with the ground
     zones: bool  # whether the parameters of that contact are those of each node
     barrier: bool  # whether there are barriers
 

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from mpmgis.laws import effect_slots
-from mpmgis.laws.contact_friction import voellmy_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import drucker_prager
 from mpmgis.laws.softening import Softening
 from mpmgis.solvers.gpu import (
@@ -52,7 +52,7 @@ SETTINGS = Settings(
 MODULI = {"bulk_modulus": 6.7e6, "shear_modulus": 4e6}
 # laws of any kind have these types
 MATERIAL, SOFTENING = drucker_prager(**MODULI, friction_angle=35.0, cohesion=500.0), Softening()
-CONTACT = voellmy_contact(0.2, 300.0)
+CONTACT = friction_law("Voellmy", 0.2, 300.0)
 
 
 @Kernel

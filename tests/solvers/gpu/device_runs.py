@@ -18,8 +18,8 @@ sys.path[:0] = [str(HERE.parents[2]), str(HERE.parents[1] / "bench")]
 from compared_runs import after, continued, difference  # noqa: E402
 from gpu import slab  # noqa: E402
 
-from mpmgis.laws.contact_friction import coulomb_contact  # noqa: E402
 from mpmgis.laws.effect_slots import PointEffects  # noqa: E402
+from mpmgis.laws.friction import friction_law  # noqa: E402
 from mpmgis.laws.material import drucker_prager  # noqa: E402
 from mpmgis.solvers.features.walls import Wall  # noqa: E402
 from mpmgis.solvers.gpu.device_point_solver import DevicePointSolver  # noqa: E402
@@ -27,7 +27,7 @@ from mpmgis.solvers.points.point_numerics import PointNumerics  # noqa: E402
 from mpmgis.solvers.points.point_solver import PointSolver  # noqa: E402
 
 POINTS = 32
-EFFECTS = PointEffects(drucker_prager(6.7e6, 4e6, 35.0, 500.0), contact=coulomb_contact(0.4))
+EFFECTS = PointEffects(drucker_prager(6.7e6, 4e6, 35.0, 500.0), contact=friction_law("Coulomb", 0.4))
 FIRST, END = 0.008, 0.016  # [s], of frames
 KINDS = PointSolver, DevicePointSolver
 

@@ -29,7 +29,7 @@ from simulated_points import (
     terrain_of,
 )
 
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import fluid
 from mpmgis.solvers.features.walls import Wall
 from mpmgis.solvers.points import point_rows as row
@@ -39,7 +39,7 @@ from mpmgis.solvers.points.point_barriers import FILLED, FILLED_TOP, SHARE
 from mpmgis.solvers.points.point_density import EVERY
 
 WATER, LINEAR = fluid(6.7e6, 50.0, 1.0), fluid(6.7e6, 50.0, 0.0)
-SMOOTH = coulomb_contact(0.0)
+SMOOTH = friction_law("Coulomb", 0.0)
 SPACING = 0.5  # [m] of points in cells of 1 m
 HEAVY = 12.0  # times the mass of points that lie as densely as the fluid
 PRESSED, SQUEEZED = (part * WATER.bulk_modulus for part in (0.06, 0.5))  # [Pa], by less and by more than the band

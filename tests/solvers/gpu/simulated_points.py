@@ -16,7 +16,8 @@ from launch_order import shuffled
 from point_scenes import block_of, plane, points_on
 
 from mpmgis.compiled.block_order import GONE
-from mpmgis.laws.contact_friction import coulomb_contact, sticking_contact, voellmy_contact
+from mpmgis.laws.contact_friction import sticking_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import FLUID, cohesive_mu_i, drucker_prager, elastic, fluid, mu_i
 from mpmgis.laws.softening import Softening, softening
 from mpmgis.solvers.gpu import device_functions
@@ -33,7 +34,7 @@ from mpmgis.system.errors import SceneError
 SOIL = drucker_prager(6.7e6, 4e6, 35.0, 500.0)
 SOFT = softening((35.0, 500.0), (20.0, 0.0), 10.0)
 STRETCH = np.array([[-3.0, 1.0, 0.0], [0.5, -1.0, 0.5], [2.0, 0.0, -8.0]])  # [s-1]
-COULOMB, VOELLMY, STICKING = coulomb_contact(0.3), voellmy_contact(0.2, 300.0), sticking_contact()
+COULOMB, VOELLMY, STICKING = friction_law("Coulomb", 0.3), friction_law("Voellmy", 0.2, 300.0), sticking_contact()
 COHESIVE = cohesive_mu_i(35.0, 500.0, 0.2, 0.3, 1e-3, 2500.0, bulk_modulus=6.7e6, shear_modulus=4e6)
 MATERIALS = {
     "elastic": (elastic(6.7e6, 4e6), Softening()),
@@ -342,9 +343,11 @@ BOTH = ("float64", "float32")
 SCENES = {
     "slab": slab,
     "drag": lambda precision: slab(precision, VOELLMY),
+    "fluidised bed": lambda precision: slab(precision, friction_law("SamosAT", 0.155, 20.0)),
     "sticking": lambda precision: slab(precision, STICKING),
     "cliff": at_cliff,
     "cliff with drag": lambda precision: at_cliff(precision, VOELLMY),
+    "cliff with mud": lambda precision: at_cliff(precision, friction_law("Bingham", 300.0, 40.0)),
     "cliff that sticks": lambda precision: at_cliff(precision, STICKING),
     "wall": into_wall,
     "along a wall": along_wall,

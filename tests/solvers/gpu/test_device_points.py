@@ -9,7 +9,8 @@ from device_cases import LACK, each_precision, require_agreement
 pytestmark = [pytest.mark.thorough, pytest.mark.skipif(bool(LACK), reason=LACK)]
 SCRIPT = "simulated_points.py"
 SCENES = (
-    *("slab", "drag", "sticking", "cliff", "cliff with drag", "cliff that sticks"),
+    *("slab", "drag", "fluidised bed", "sticking"),
+    *("cliff", "cliff with drag", "cliff with mud", "cliff that sticks"),
     *("wall", "along a wall", "outflow", "under ground", "zones", "reordered"),
 )
 YIELDING = (

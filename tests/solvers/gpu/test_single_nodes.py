@@ -12,7 +12,7 @@ import test_point_layers as layers
 from column_scenes import terrain_of
 from single_nodes import SingleNodes
 
-from mpmgis.laws.contact_friction import coulomb_contact
+from mpmgis.laws.friction import friction_law
 from mpmgis.laws.material import elastic, fluid
 from mpmgis.solvers.features.walls import Wall
 from mpmgis.solvers.points.point_solver import PointSolver
@@ -67,7 +67,7 @@ def test_a_block_slides_along_a_wall_alike(monkeypatch, degrees):
 
 
 def test_a_chute_of_voellmy_runs_alike(monkeypatch):
-    scene = partial(layers.Chute, 20.0, 1000.0, 0.2, 2.0, precision="float32")
+    scene = partial(layers.Chute, 20.0, friction_law("Voellmy", 0.2, 1000.0), 2.0, precision="float32")
     double, single = both(monkeypatch, [layers], lambda: scene().solver)
     for value in (lambda s: s.energy()[0], lambda s: s.balances()["energy_lost_to_ground"]):
         assert value(single) == pytest.approx(value(double), rel=2e-4)
@@ -83,7 +83,7 @@ def test_a_fluid_that_is_too_dense_expands_alike(monkeypatch, deep):
         frame = point_scenes.block_of((5.0, 4.0, 2.0), 0.5, (8.7, 6.2, 0.0))
         frame.particles.position[:, 2] *= 0.5
         frame.particles.position[:, 2] += 10.0 - 0.2 * frame.particles.position[:, 0]
-        contact, numerics = coulomb_contact(0.2), {"precision": "float32", "walls": walls}
+        contact, numerics = friction_law("Coulomb", 0.2), {"precision": "float32", "walls": walls}
         solver = point_scenes.points_on(terrain, frame, 1.0, fluid(1e6, 10.0, 1.0), contact, **numerics)
         solver.advance(0.5)
         return solver
