@@ -222,7 +222,7 @@ def samos_at(
     tau = tau0 + mu sigma (1 + Rs0 / (Rs0 + Rs)) + rho u^2 / (ln(h_n / R) / kappa + B)^2 with the fluidisation number
     Rs = rho u^2 / sigma and the drag of a logarithmic profile over a bed of roughness R; ln(1) where h_n < R (Sampl &
     Zwinger 2004; Sampl & Granig 2009). At rest the dry part is 2 mu sigma. Calibrated for snow of 200 kg m-3 in
-    AvaFrame (com1DFA 2.1): `SAMOS_AT_MU` by the volume of the release, the other parameters in common.
+    AvaFrame (com1DFA 2.1): `SIZES` by the volume of the release, the other parameters in common.
 
     Parameters
     ----------
