@@ -68,7 +68,7 @@ def made_table(
     if laws is not None:
         if instead is not None and ":" in made["law"]:
             raise SceneError(f"{where}: the 3D solver takes no law from a Python file; expected {listed(laws)}")
-        made["law"] = _law_name(laws, made["law"], own_laws, where)
+        made["law"] = _law_name(laws, made["law"], own_laws, where, kind is FrictionTable and instead is None)
         if kind is FrictionTable:
             extra, made["written"] = _in_place_of(made["law"], extra, where)
         made["parameters"] = _parameters({**laws, **own_laws.laws}, made["law"], extra, where, by_place)
@@ -132,15 +132,14 @@ def _require_no_contradiction(words, where):
         raise SceneError(f"{where}: {words}")
 
 
-def _law_name(laws: dict[str, tuple], law: str, own_laws: OwnLaws, where: str) -> str:
+def _law_name(laws: dict[str, tuple], law: str, own_laws: OwnLaws, where: str, takes_own: bool) -> str:
     """Return the name of `law` in its table of laws; user-defined laws only from the file of --law."""
     if law in laws:
         return law
     file, _, name = law.rpartition(":")
     if not file.endswith(".py"):
-        raise SceneError(
-            f"{where}: law = {shown(law)}{meant(law, laws)}; expected {listed(laws)}, or 'my_law.py:MyLaw'"
-        )
+        own = ", or 'my_law.py:MyLaw'" if takes_own else ""
+        raise SceneError(f"{where}: law = {shown(law)}{meant(law, laws)}; expected {listed(laws)}{own}")
     if not own_laws.laws:
         raise SceneError(f"{where}: law = {shown(law)} is in a Python file; allow it to be run with --law {file}")
     own = f"{Path(file).name}:{name}"
@@ -157,7 +156,7 @@ def _parameters(
     They are complete except those that vary in space; unknown ones are refused.
     """
     wanted = laws[law][1]
-    takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items())
+    takes = ", ".join(f"{name} [{unit}]" for name, (unit, *_) in wanted.items()) or "none"
     for name in values:
         if name not in wanted:
             raise SceneError(f"{where}: {law} has no parameter {shown(name)}{meant(name, wanted)}; it takes {takes}")

@@ -104,7 +104,7 @@ REFUSED = {
         "the 3D solver takes no law from a Python file",
     ),
     "unknown law on the bed": ({"friction": {"law": "Coulom", "mu": 0.2}}, "did you mean 'Coulomb'"),
-    "mu of what sticks": ({"friction": {"law": "Sticking", "mu": 0.2}}, "Sticking has no parameter 'mu'"),
+    "mu of what sticks": ({"friction": {"law": "Sticking", "mu": 0.2}}, "has no parameter 'mu'; it takes none"),
     "zones without friction": ({"friction": None, "zones": [{"source": "z.shp", "mu": 0.3}]}, "need [friction]"),
     "spatially varying xi": ({"zones": [{"source": "z.shp", "xi": 300}]}, "Coulomb has no parameter 'xi'"),
     "inflow": ({"hydrograph": {"source": "i.shp", "file": "h.csv"}}, "the 3D solver has no [hydrograph]"),
@@ -146,6 +146,12 @@ def test_invalid_scenes_are_refused_in_one_line(name):
     with pytest.raises(SceneError) as error:
         scene(**tables)
     assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_message_on_an_unknown_law_offers_only_what_the_solver_takes():
+    with pytest.raises(SceneError) as error:
+        scene(friction={"law": "Coulom", "mu": 0.2})
+    assert str(error.value).endswith("Manning, Sticking")
 
 
 def test_laws_fill_the_slots():

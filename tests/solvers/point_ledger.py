@@ -14,6 +14,7 @@ from functools import cache
 import numpy as np
 from plain_points import GHOSTS, compiled_step, plain_step, yields_of
 
+from mpmgis.laws.friction import parameters_of
 from mpmgis.laws.material import ELASTIC
 from mpmgis.laws.material_choice import state_at_stress, wave_speed
 from mpmgis.laws.softening import Softening
@@ -63,7 +64,8 @@ class PlainRun:
         pushed = -4.0 * dt / dx**2 * volume[:, None, None] * self._tensor()
         impulse = np.einsum("nk,nab,nkb->nka", shares[1], pushed, away)
         before, stress, pressed = self.energy(), self.stress.copy(), np.empty_like(nodes)
-        drag = getattr(self.solver.effects.contact, "xi", 0.0)
+        law = parameters_of(self.solver.effects.contact)
+        drag = law.get("xi", 0.0)
         step = plain_step if drag else without_drag()
         step(
             self.place,
@@ -79,7 +81,7 @@ class PlainRun:
             dt,
             numerics.density,
             numerics.gravity,
-            self.solver.effects.contact.mu,
+            law["mu"],
             self.material,
             Softening(),
             wave_speed(self.material, numerics.density),

@@ -124,23 +124,50 @@ def _link_layers(layers, count, mass, spacing, bed, density, stresses, roughness
     layers[count - 1, LINK] = 0.0
 
 
-@jit_inline
-def _solve(layers, count):
-    """Solve for the tangential velocities: (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push."""
-    link = carry = x = y = z = 0.0
+@jit_borrowing
+def _pushed(layers, count, qx, qy, qz):
+    """Solve for the tangential velocities, with a push of -q [m s-1] times the mass at the bed.
+
+    (m_k + L_k-1 + L_k) v_k - L_k-1 v_k-1 - L_k v_k+1 = m_k u_k + push_k, without differences of large links. Returns
+    the momentum of the mass at the bed [N s].
+    """
+    link = held = x = y = z = 0.0
     for k in range(count):
         mass = layers[k, LAYER_MASS]
-        diagonal = mass + layers[k, LINK] + link * (1.0 - carry)
+        at_bed = layers[k, AT_BED] * mass
+        layers[k, PUSH_X], layers[k, PUSH_Y], layers[k, PUSH_Z] = -at_bed * qx, -at_bed * qy, -at_bed * qz
+        free = mass + link * held
+        diagonal = free + layers[k, LINK]
         x = (mass * layers[k, OLD_X] + layers[k, PUSH_X] + link * x) / diagonal
         y = (mass * layers[k, OLD_Y] + layers[k, PUSH_Y] + link * y) / diagonal
         z = (mass * layers[k, OLD_Z] + layers[k, PUSH_Z] + link * z) / diagonal
-        link = layers[k, LINK]
-        carry = link / diagonal
-        layers[k, CARRY], layers[k, NEW_X], layers[k, NEW_Y], layers[k, NEW_Z] = carry, x, y, z
-    for k in range(count - 2, -1, -1):
-        layers[k, NEW_X] += layers[k, CARRY] * layers[k + 1, NEW_X]
-        layers[k, NEW_Y] += layers[k, CARRY] * layers[k + 1, NEW_Y]
-        layers[k, NEW_Z] += layers[k, CARRY] * layers[k + 1, NEW_Z]
+        link, held = layers[k, LINK], free / diagonal
+        layers[k, CARRY], layers[k, NEW_X], layers[k, NEW_Y], layers[k, NEW_Z] = link / diagonal, x, y, z
+    bx = by = bz = 0.0
+    for k in range(count - 1, -1, -1):
+        if k < count - 1:
+            layers[k, NEW_X] += layers[k, CARRY] * layers[k + 1, NEW_X]
+            layers[k, NEW_Y] += layers[k, CARRY] * layers[k + 1, NEW_Y]
+            layers[k, NEW_Z] += layers[k, CARRY] * layers[k + 1, NEW_Z]
+        at_bed = layers[k, AT_BED] * layers[k, LAYER_MASS]
+        bx += at_bed * layers[k, NEW_X]
+        by += at_bed * layers[k, NEW_Y]
+        bz += at_bed * layers[k, NEW_Z]
+    return bx, by, bz
+
+
+@jit_borrowing
+def _stop_bed(layers, count, most):
+    """Push against the momentum of the mass at the bed, up to its stop, with at most `most` [m s-1] of `_pushed`."""
+    bx, by, bz = _pushed(layers, count, 0.0, 0.0, 0.0)
+    before2, free = bx * bx + by * by + bz * bz, 0.0
+    for k in range(count):
+        free += layers[k, AT_BED] * layers[k, AT_BED] * layers[k, LAYER_MASS]
+    if before2 > 0.0:  # `free`: momentum that a push of 1 m/s takes from the bed without links
+        cx, cy, cz = _pushed(layers, count, bx / free, by / free, bz / free)
+        taken = 1.0 - (cx * bx + cy * by + cz * bz) / before2
+        push = min(1.0 / (taken * free), most / sqrt(before2))
+        _pushed(layers, count, push * bx, push * by, push * bz)
 
 
 @jit_inline
@@ -165,6 +192,8 @@ def _give(nodes, layers, count, report):
 def _couple(nodes, layers, count, normal, covered, contact, rough, dt, settings, report):
     """Apply traction and links to one column, whose flow covers the share `covered` of its bed.
 
+    A traction that would drive the mass at the bed backwards resists the motion of this mass instead: links carry
+    little of it upwards where a material has its own strength.
     `rough` is the roughness of the bed, 0 where it depends on the column.
     """
     dx, density, gravity, (nx, ny, nz) = settings.dx, settings.density, settings.gravity, normal
@@ -174,9 +203,6 @@ def _couple(nodes, layers, count, normal, covered, contact, rough, dt, settings,
     load, thickness = mass * gravity * nz / bed, mass / (density * bed)
     parts = traction_parts(contact, density, gravity, load, thickness, speed)
     lost = 1.0 - kept_by_traction(parts, speed, dt, density, mass / bed) if speed > 0.0 else 0.0
-    for k in range(count):
-        share = lost * layers[k, AT_BED] * layers[k, LAYER_MASS] / at_bed
-        layers[k, PUSH_X], layers[k, PUSH_Y], layers[k, PUSH_Z] = -share * px, -share * py, -share * pz
     yields, viscous, drag = parts
     if drag > 0.0 and rough == 0.0:
         rough = drag_roughness(drag)
@@ -184,7 +210,10 @@ def _couple(nodes, layers, count, normal, covered, contact, rough, dt, settings,
     stresses = strength * impulse_friction(contact) * load, strength * yields, strength * viscous * thickness / 3.0
     creep = CREEP * sqrt(gravity * dx) + 1e-300
     _link_layers(layers, count, mass, dx * nz, bed, density, stresses, rough if drag > 0.0 else 0.0, creep, dt)
-    _solve(layers, count)
+    share = lost / at_bed
+    bx, by, bz = _pushed(layers, count, share * px, share * py, share * pz)
+    if bx * px + by * py + bz * pz < 0.0:
+        _stop_bed(layers, count, max(lost * mass * speed, dt * bed * yields) / at_bed)
     _give(nodes, layers, count, report)
 
 

@@ -7,6 +7,7 @@ import types as python_types
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import get_args, get_origin
 
 import numba
 import numpy as np
@@ -67,6 +68,8 @@ def type_of_annotation(name, annotation, real):
         return {int: types.int64, bool: types.boolean}.get(annotation, numba.from_dtype(np.dtype(real)))
     if name in NUMBERS:
         return types.UniTuple(numba.from_dtype(np.dtype(real)), NUMBERS[name])
+    if get_origin(annotation) is tuple:
+        return types.UniTuple(numba.from_dtype(np.dtype(real)), len(get_args(annotation)))
     if annotation == "np.ndarray":
         return types.Array(numba.from_dtype(np.dtype(real)), 3, "C")
     return law_type(Friction if annotation is tuple else annotation, real)
