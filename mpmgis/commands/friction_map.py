@@ -200,9 +200,11 @@ def work(asked: Arguments, progress: Progress = unwatched) -> "FrictionFound":
     -------
     FrictionFound
     """
-    from ..simulation.terrain_friction import friction_terrain, terrain_friction
+    from ..simulation.terrain_friction import terrain_friction
+    from ..terrain.dtm import BY_BLOCK, TerrainFile, whole_or_parts
 
-    terrain = friction_terrain(asked["dem"], asked["crs"], asked["dem_band"], asked["fill_nodata"], asked["to_crs"])
+    file = TerrainFile(asked["dem"], asked["crs"], asked["dem_band"], asked["fill_nodata"], asked["to_crs"])
+    terrain = whole_or_parts(file, BY_BLOCK)
     limits = ClassLimits(
         flat_slope=asked["flat_slope"],
         channel_radius=asked["channel_radius"],

@@ -12,9 +12,8 @@ from ..frames.particles import Frame, Particles
 from ..system import source_names
 from ..system.errors import InputError, OutputError
 from ..system.memory import memory_lack
-from ..system.messages import log
 from ..system.whole_files import refuse_existing
-from ..terrain.dtm import READ_WHOLE, TerrainFile, read_terrain
+from ..terrain.dtm import TerrainFile, read_terrain, whole_or_parts
 from ..terrain.elevation import Terrain
 from ..terrain.release_parts import NORMAL, ReleaseArea
 from ..terrain.spatial_inputs import with_crs_hint
@@ -91,7 +90,8 @@ def seed_file(
     if output is not None:
         require_format(output)
         refuse_existing(output, overwrite)
-    terrain = with_crs_hint(release, lambda: _terrain(dem, crs, dem_band, fill_nodata, to_crs))
+    file = with_crs_hint(release, lambda: TerrainFile(dem, crs, dem_band, fill_nodata, to_crs))
+    terrain = whole_or_parts(file, "only those around the release are read and checked")
     area = read_release(release, terrain, thickness, thickness_mode, surface, _memory_check(terrain, options))
     path = Path(output) if output is not None else Path(f"{area.name}_particles.h5")
     refuse_existing(path, overwrite)
@@ -100,21 +100,6 @@ def seed_file(
     frame = replace(seed.empty_frame(), dem=source_names.moved(terrain.path, path.parent))
     write_columns(path, frame, seed.count, seed.slabs())
     return Seeded(path, seed.count, seed.record)
-
-
-def _terrain(
-    dem: str | Path, crs: str | None, band: int | None, fill_nodata: str | None, to_crs: str | None
-) -> Terrain | TerrainFile:
-    """Return the DTM, or for a very large one its file, of which only the part under the release is read.
-
-    To fill holes the whole DTM is read, because a part may not contain a whole hole.
-    """
-    file = TerrainFile(dem, crs, band, fill_nodata, to_crs)
-    if file.pixels <= READ_WHOLE or fill_nodata is not None:
-        return file.whole()
-    rows, columns = file.grid.shape
-    log.info(f"{dem} has {rows} x {columns} cells; only those around the release are read and checked")
-    return file
 
 
 def seed_frame(

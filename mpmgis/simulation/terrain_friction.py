@@ -16,13 +16,13 @@ from ..maps.qgis.raster_styles import class_pipe, style_document
 from ..scene.scene_text import toml_value
 from ..system.errors import InputError, OutputError
 from ..system.links import is_above
-from ..system.messages import Progress, log, muted, unwatched
+from ..system.messages import Progress, muted, unwatched
 from ..system.option import PathLike
 from ..system.parallel import frame_pool
 from ..system.whole_files import refuse_existing, whole_folder
 from ..terrain.class_limits import ClassLimits
 from ..terrain.class_rasters import new_class_raster
-from ..terrain.dtm import READ_WHOLE, TerrainFile
+from ..terrain.dtm import TerrainFile
 from ..terrain.dtm_blocks import Block, block_heights, dtm_blocks
 from ..terrain.elevation import Terrain
 from ..terrain.friction_table import FrictionCells, read_friction_table, rows_of_event
@@ -68,33 +68,6 @@ class FrictionFound:
         for name, (low, high) in self.parameters.items():
             lines.append(f"{name:<12}{f'{low:g}' if low == high else f'{low:g} to {high:g}':>12} [{units[name]}]")
         return lines
-
-
-def friction_terrain(
-    dem: PathLike, crs: str | None, band: int | None, fill_nodata: str | None, to_crs: str | None
-) -> Terrain | TerrainFile:
-    """Return the DTM, or for a very large one its file, which is read by block.
-
-    To fill holes the whole DTM is read, because a block may not contain a whole hole.
-
-    Parameters
-    ----------
-    dem, crs, band, fill_nodata, to_crs
-        As for `read_terrain`.
-
-    Raises
-    ------
-    FormatError, GeoreferenceError, InputError
-    """
-    file = TerrainFile(dem, crs, band, fill_nodata, to_crs)
-    if file.pixels <= READ_WHOLE:
-        return file.whole()
-    size = f"{dem} has {file.grid.shape[0]} x {file.grid.shape[1]} cells"
-    if fill_nodata is not None:
-        log.info(f"{size} and is read at once to fill its holes; without `fill_nodata` it is read by block")
-        return file.whole()
-    log.info(f"{size} and is read by block")
-    return file
 
 
 def terrain_friction(

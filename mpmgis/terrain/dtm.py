@@ -28,6 +28,7 @@ _ABOVE_EARTH = 9500.0  # [m] no elevation on Earth is higher
 STEEP_DEGREES = 85.0  # [deg] steeper cells are hardly natural: wrong units or nodata
 STEEP_SHARE = 0.01  # [1] of the cells; more steep ones are reported
 READ_WHOLE = 25_000_000  # [pixels] up to here a DTM is always read and checked completely: 0.2 GB
+BY_BLOCK = "it is read by block"  # for `whole_or_parts`
 _COLOURS = (ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha)
 _ROWS_AT_ONCE = 512  # whose slopes are computed together, to limit the memory
 
@@ -88,6 +89,8 @@ class TerrainFile:
         Of the whole file, in the CRS of the terrain.
     reprojection : Reprojection or None
     path : str
+    fills : bool
+        Whether holes are filled.
     fill : NodataFill or None
         Filled holes of the part that was read last.
     walled : tuple of WalledRegion
@@ -106,7 +109,7 @@ class TerrainFile:
         fill_nodata: str | None = None,
         to_crs: str | None = None,
     ):
-        self._file, self._fills, self.fill, self.walled = path, fill_nodata == INTERPOLATE, None, ()
+        self._file, self.fills, self.fill, self.walled = path, fill_nodata == INTERPOLATE, None, ()
         self.path = str(path)
         with open_raster(path) as source:
             self._band = band_number(source, path, band, HEIGHTS)
@@ -214,7 +217,7 @@ class TerrainFile:
             elevation = self._values(source, window)
         require_heights(elevation, self._file)
         terrain = Terrain(grid, elevation, self.path, self.sha256, self.reprojection)
-        if self._fills:
+        if self.fills:
             terrain, self.fill = filled(terrain)
             for line in self.fill.lines(grid.cell_size):
                 log.info(line)
@@ -227,6 +230,33 @@ class TerrainFile:
 
 
 @lru_cache(maxsize=4)
+def whole_or_parts(file: TerrainFile, how: str, in_parts: bool = False) -> Terrain | TerrainFile:
+    """Read a DTM, or return the file of a very large one, of which the caller reads parts.
+
+    To fill holes the whole DTM is read, because a part may not contain a whole hole.
+
+    Parameters
+    ----------
+    file : TerrainFile
+    how : str
+        Says in a message which parts are read.
+    in_parts : bool
+        Whether parts are read whatever the size.
+
+    Raises
+    ------
+    FormatError, InputError
+    """
+    if file.pixels <= READ_WHOLE and not in_parts:
+        return file.whole()
+    cells = f"{file.path} has {file.grid.shape[0]} x {file.grid.shape[1]} cells"
+    if file.fills:
+        log.info(f"{cells} and is read at once to fill its holes; without `fill_nodata` {how}")
+        return file.whole()
+    log.info(f"{cells}; {how}")
+    return file
+
+
 def _sha256(path: Path, size: int, changed: int, number: int) -> str:
     """Return the digest of a file, computed once for each state of it: many runs read windows of one large DTM."""
     return file_sha256(path)

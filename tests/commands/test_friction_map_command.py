@@ -15,6 +15,7 @@ from mpmgis.commands.shell.main import main
 from mpmgis.laws.friction import LAWS
 from mpmgis.simulation import terrain_friction
 from mpmgis.system.option import options_of
+from mpmgis.terrain import dtm
 from mpmgis.terrain.terrain_classes import FLAT, OPEN_SLOPE
 
 TABLE = """terrain,return_period,volume_to,mu,xi
@@ -122,16 +123,16 @@ def test_blocks_of_any_size_write_the_same_bytes(rough, monkeypatch, capsys, sid
         "terrain_class.qml",
         "terrain_class.tif",
     ]
-    monkeypatch.setattr(terrain_friction, "READ_WHOLE", 100)
+    monkeypatch.setattr(dtm, "READ_WHOLE", 100)
     monkeypatch.setattr(terrain_friction, "SIDE", side)
     assert main([*words, "blocks"]) == 0
-    assert "270 x 530 cells and is read by block" in capsys.readouterr().err
+    assert "270 x 530 cells; it is read by block" in capsys.readouterr().err
     for name in ("mu.tif", "terrain_class.tif", "terrain_class.qml"):
         assert (rough / "whole" / name).read_bytes() == (rough / "blocks" / name).read_bytes(), name
 
 
 def test_holes_of_a_large_dtm_are_filled_whole(rough, monkeypatch, capsys):
-    monkeypatch.setattr(terrain_friction, "READ_WHOLE", 100)
+    monkeypatch.setattr(dtm, "READ_WHOLE", 100)
     words = ["friction-map", "--dem", "rough.tif", "--table", "rough.csv", "--fill-nodata", "interpolate"]
     assert main([*words, "-o", "filled"]) == 0
     assert "read at once to fill its holes; without --fill-nodata it is read by block" in capsys.readouterr().err
@@ -142,7 +143,7 @@ def test_holes_of_a_large_dtm_are_filled_whole(rough, monkeypatch, capsys):
 def test_a_dtm_read_by_block_without_any_elevation_is_refused(rough, monkeypatch, capsys):
     with rasterio.open("rough.tif", "r+") as target:
         target.write(np.full((270, 530), -1, "float32"), 1)
-    monkeypatch.setattr(terrain_friction, "READ_WHOLE", 100)
+    monkeypatch.setattr(dtm, "READ_WHOLE", 100)
     assert main(["friction-map", "--dem", "rough.tif", "--table", "rough.csv", "-o", "empty"]) == 2
     assert "rough.tif: every cell is nodata" in capsys.readouterr().err
     assert not (rough / "empty").exists()

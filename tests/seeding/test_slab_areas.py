@@ -18,6 +18,7 @@ from mpmgis.seeding.snow_slabs.slab_criteria import SCENARIOS, SlabCriteria
 from mpmgis.seeding.snow_slabs.slab_thickness import NewSnow, slope_factor
 from mpmgis.studies.region_areas import read_areas
 from mpmgis.system.errors import GeoreferenceError, InputError, OutputError
+from mpmgis.terrain import dtm
 from mpmgis.terrain.dtm import read_terrain
 from mpmgis.terrain.elevation import Terrain
 from mpmgis.terrain.grid import Grid
@@ -222,7 +223,7 @@ def test_a_dtm_read_by_block_gives_the_same_file_contents(tmp_path, monkeypatch)
     dem = written(tmp_path / "dtm.tif", Terrain(GRID, HEIGHTS), tiled=True, blockxsize=64, blockysize=64)
     search = SlabSearch(SMOOTH, NewSnow({0: 1.0}), block=64)
     whole = write_slab_areas(dem, tmp_path / "whole.gpkg", search)
-    monkeypatch.setattr(potential_areas, "READ_WHOLE", 100)
+    monkeypatch.setattr(dtm, "READ_WHOLE", 100)
     parts = write_slab_areas(dem, tmp_path / "parts.gpkg", search)
     assert [polygon.wkb for polygon in parts.polygons] == [polygon.wkb for polygon in whole.polygons]
     for name, values in whole.columns.items():
@@ -235,7 +236,7 @@ def test_blocks_without_any_elevation_are_passed_over(tmp_path, monkeypatch):
     dem = written(tmp_path / "dtm.tif", Terrain(Grid.north_up(None, 0, 1500, CELL, heights.shape), heights))
     search = SlabSearch(SMOOTH, block=64)
     whole = write_slab_areas(dem, tmp_path / "whole.gpkg", search)
-    monkeypatch.setattr(potential_areas, "READ_WHOLE", 100)
+    monkeypatch.setattr(dtm, "READ_WHOLE", 100)
     assert outlines(write_slab_areas(dem, tmp_path / "parts.gpkg", search)) == outlines(whole)
 
 

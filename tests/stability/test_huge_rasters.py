@@ -17,6 +17,7 @@ from mpmgis.simulation import preparation
 from mpmgis.system import memory
 from mpmgis.system.errors import InputError, SceneError
 from mpmgis.system.messages import collected
+from mpmgis.terrain import dtm
 from mpmgis.terrain.dtm import TerrainFile, read_terrain
 
 SIDE, PIXEL, WEST, NORTH = 10_000, 5.0, 400_000.0, 5_200_000.0
@@ -108,8 +109,8 @@ def test_a_seed_has_the_bits_that_the_whole_gives(transform, how, tmp_path, monk
             heights = file.read(1)
             target.write(np.where(heights > 0, heights + 1.5, heights), 1)
     frames, messages = [], []
-    for limit in (seeding.READ_WHOLE, 0):
-        monkeypatch.setattr(seeding, "READ_WHOLE", limit)
+    for limit in (dtm.READ_WHOLE, 0):
+        monkeypatch.setattr(dtm, "READ_WHOLE", limit)
         path = tmp_path / f"{limit}.h5"
         with collected() as said:
             seeding.seed_file(dem, release, path, velocity=(1.0, 2.0), refine_slope=1.0, **options)

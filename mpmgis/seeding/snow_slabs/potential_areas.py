@@ -19,7 +19,7 @@ from ...system.parallel import FramePool, frame_pool
 from ...system.source_names import file_of
 from ...system.whole_files import refuse_existing
 from ...terrain.area_masks import AreaMask, read_area_mask
-from ...terrain.dtm import READ_WHOLE, TerrainFile
+from ...terrain.dtm import BY_BLOCK, TerrainFile, whole_or_parts
 from ...terrain.dtm_blocks import Block, block_heights, dtm_blocks
 from ...terrain.elevation import Terrain
 from .slab_criteria import SCENARIOS, SlabCriteria
@@ -162,11 +162,7 @@ def write_slab_areas(
         raise InputError(f"{path}: release areas are written as a GeoPackage; give a name that ends with {SUFFIX}")
     refuse_existing(path, overwrite)
     search = search or SlabSearch()
-    terrain = TerrainFile(dem, crs, dem_band, to_crs=to_crs)
-    if terrain.pixels <= READ_WHOLE and search.dask is None:
-        terrain = terrain.whole()
-    else:
-        log.info(f"{dem} has {terrain.grid.shape[0]} x {terrain.grid.shape[1]} cells and is read by block")
+    terrain = whole_or_parts(TerrainFile(dem, crs, dem_band, to_crs=to_crs), BY_BLOCK, search.dask is not None)
     found = replace(find_slab_areas(terrain, search, progress), path=path)
     log.info(_summary(found))
     write_layer(path, LAYER, found.polygons, found.columns, found.crs)
