@@ -386,7 +386,7 @@ REFUSED = {
         ALL + '[hydrograph]\nsource = "foot.geojson"\nfile = "inflow.csv"\n',
         "flows in until t = 3 s",
     ),
-    "a law that points have not": (ALL.replace('"Coulomb"', '"Pouliquen"'), "has no Pouliquen on the bed"),
+    "a law that points have not": (ALL.replace('"Coulomb"', '"my_law.py:Mine"'), "takes no law from a Python file"),
     "cells too large": (ALL.replace("cell_size = 4\n", "cell_size = 100\n"), "3 x 3 at least"),
 }
 
