@@ -15,10 +15,11 @@ Cohesion of the flow to its bed is a yield stress in addition to the friction la
 law of a scene from node to node, mu(x, y), xi(x, y) and so on, not the law itself.
 """
 
-from math import asin, exp, log, sin, sqrt
+from math import asin, exp, log, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 from .quantities import GRAVITY
+from .series import sine_cosine
 
 if TYPE_CHECKING:
     import numpy as np
@@ -139,7 +140,8 @@ def plug_ratio(yield_stress: float, viscosity: float, thickness_normal: float, s
     """
     a = 6.0 * viscosity * speed / (thickness_normal * yield_stress)
     share = 3.0 / (3.0 + a)
-    return 2.0 / sqrt(share) * sin(asin(share * sqrt(share)) / 3.0)
+    sine, _ = sine_cosine(asin(share * sqrt(share)) / 3.0)
+    return 2.0 / sqrt(share) * sine
 
 
 def bingham(

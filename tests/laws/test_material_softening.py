@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mpmgis.laws.softening import LINEAR, Softening, cone, decay, sine_cosine, softened_cone, softening
+from mpmgis.laws.series import decay, sine_cosine
+from mpmgis.laws.softening import LINEAR, Softening, cone, softened_cone, softening
 from mpmgis.system.errors import InputError
 
 PEAK, RESIDUAL = (40.0, 1e3), (20.0, 0.0)
