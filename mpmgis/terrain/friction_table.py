@@ -11,6 +11,7 @@ column `size` has the sizes of the law with sizes, in place of the parameter tha
 """
 
 import math
+import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -216,7 +217,8 @@ def _listed(numbers: Iterable[float]) -> str:
 class FrictionCells:
     """Which row of a table applies to each cell of a terrain, block by block.
 
-    Gaps and overlaps of the table are collected: what is said about them does not depend on the blocks.
+    Gaps and overlaps of the table are collected: what is said about them does not depend on the blocks. Threads may
+    work on different blocks.
 
     Parameters
     ----------
@@ -227,7 +229,7 @@ class FrictionCells:
     """
 
     def __init__(self, rows: Sequence[FrictionRow], path: str | Path):
-        self.rows, self.path = list(rows), path
+        self.rows, self.path, self._lock = list(rows), path, threading.Lock()
         self._used: set[int] = set()
         self._gaps: dict[int, tuple[float, float]] = {}  # lowest and highest cell by class
         self._twice: dict[tuple[int, int, int], tuple[float, float]] = {}  # the same by two rows and class
@@ -255,13 +257,22 @@ class FrictionCells:
             twice = fits & (chosen >= 0)
             if twice.any():
                 for other in np.unique(chosen[twice]).tolist():
-                    _widen(self._twice, (number, other), twice & (chosen == other), classes, elevation)
+                    self._widen(self._twice, (number, other), twice & (chosen == other), classes, elevation)
             chosen[fits] = number
         gap = (chosen < 0) & np.isfinite(elevation)
         if gap.any():
-            _widen(self._gaps, (), gap, classes, elevation)
+            self._widen(self._gaps, (), gap, classes, elevation)
         self._used.update(np.unique(chosen[chosen >= 0]).tolist())
         return chosen
+
+    def _widen(self, ranges, key, cells, classes, elevation):
+        """Extend the ranges of elevation, by key and class, by some cells."""
+        for number in np.unique(classes[cells]).tolist():
+            heights = elevation[cells & (classes == number)]
+            lowest, highest = float(heights.min()), float(heights.max())
+            with self._lock:
+                low, high = ranges.get((*key, number), (lowest, highest))
+                ranges[(*key, number)] = min(low, lowest), max(high, highest)
 
     def varying(self) -> list[str]:
         """Return the parameters that are not the same in all rows."""
@@ -301,14 +312,6 @@ class FrictionCells:
             raise InputError(f"{self.path} has no row for {_place(min(self._gaps), self._gaps)}; add one")
         used = {name: [self.rows[number].values[name] for number in self._used] for name in self.rows[0].values}
         return {name: (min(values), max(values)) for name, values in used.items()}
-
-
-def _widen(ranges: dict, key: tuple, cells: np.ndarray, classes: np.ndarray, elevation: np.ndarray) -> None:
-    """Extend the ranges of elevation, by key and class, by some cells."""
-    for number in np.unique(classes[cells]).tolist():
-        heights = elevation[cells & (classes == number)]
-        low, high = ranges.get((*key, number), (np.inf, -np.inf))
-        ranges[(*key, number)] = min(low, float(heights.min())), max(high, float(heights.max()))
 
 
 def _place(key: tuple, ranges: Mapping) -> str:
