@@ -36,12 +36,13 @@ def test_the_digest_is_of_all_sources_that_a_kernel_may_be_compiled_from():
     found = {Path(path) for path in folders._kernel_sources()}
     compiler = folders.PACKAGE / "compiled" / "jit.py"
     decorators = ("jit", "kernel_part", "law_")
-    for path in folders.PACKAGE.rglob("*.py"):
+    package = list(folders.PACKAGE.rglob("*.py"))
+    for path in package:
         uses = any(file == compiler and name.startswith(decorators) for file, name in imported_at_the_top(path))
         assert path in found or not uses, path
     for path in found:
         assert {file for file, _ in imported_at_the_top(path) if file.exists()} <= found, path
-    assert 60 < len(found) < 130  # the whole package would compile kernels again after every edit
+    assert 60 < len(found) < len(package) / 4  # the whole package would compile kernels again after every edit
 
 
 def folder_of_a_child(**environment):
