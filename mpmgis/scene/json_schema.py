@@ -40,10 +40,8 @@ def json_schema() -> Schema:
 
 def _friction_laws() -> dict[str, Schema]:
     """Name -> parameters (name -> schema) of the laws of friction of both solvers, with what may be given instead."""
-    found: dict[str, Schema] = {}
-    for law, (_, parameters) in material_table.CONTACTS.items():
-        instead = {name: parameter for name, (_, parameter) in friction.given_instead(law).items()}
-        found[law] = {name: _parameter(parameter) for name, parameter in (parameters | instead).items()}
+    given = {law: friction.parameters_to_give(law) for law in friction.LAWS} | {material_table.STICKING_LAW: {}}
+    found = {law: {name: _parameter(of) for name, of in parameters.items()} for law, parameters in given.items()}
     sizes = [*friction.SIZES, friction.BY_VOLUME]
     found[friction.SIZED_LAW][friction.SIZE] = {"type": "string", "enum": sizes, "description": "in place of mu"}
     return found
